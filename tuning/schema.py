@@ -1,0 +1,118 @@
+"""Reading TOML files into strict pydantic models, with every mistake reported at its path."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pydantic
+
+from tuning.errors import InputError, Mistake, input_error
+
+Model = TypeVar("Model", bound=pydantic.BaseModel)
+
+
+class Table(pydantic.BaseModel):
+    """A TOML table: unknown keys and non-finite numbers are mistakes; values are never changed later."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a user's file.
+
+    Raises:
+        InputError: the file is missing, a directory, unreadable, empty or not UTF-8.
+    """
+    if path.is_dir():
+        raise input_error(path, "is a directory", "name a file in it")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1)
+        hint = f"did you mean {path.parent / near[0]}?" if near else "check the path"
+        raise input_error(path, "no such file", hint) from None
+    except UnicodeDecodeError as error:
+        raise input_error(path, f"is not UTF-8 text (byte {error.start})", "save it as UTF-8") from None
+    except OSError as error:
+        raise input_error(path, f"cannot be read ({error.strerror})", "check its permissions") from None
+    if not text.strip():
+        raise input_error(path, "is empty", "start from `vsajax init KIND FILE`")
+    return text
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises:
+        InputError: as `read_text`, or the text is not TOML (with line and column).
+    """
+    try:
+        return tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise input_error(path, f"is not valid TOML: {error}", "mend that line") from None
+
+
+def validate(model: type[Model], data: dict[str, Any], place: str) -> Model:
+    """Return `data` as a `model`, or raise one `InputError` that lists every mistake with its path."""
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as error:
+        raise InputError(*(_as_mistake(item, model, place) for item in error.errors())) from None
+
+
+def _as_mistake(item: Any, model: type[pydantic.BaseModel], place: str) -> Mistake:
+    keys = [str(key) for key in item["loc"]]
+    path = ".".join(_without_tags(keys, model))
+    where = f"{place}: {path}" if path else place
+    got = item.get("input")
+    if item["type"] == "extra_forbidden":
+        siblings = _sibling_keys(keys[:-1], model)
+        near = difflib.get_close_matches(keys[-1], siblings, 1)
+        fix = f"did you mean {near[0]}?" if near else f"remove it; allowed here: {', '.join(siblings)}"
+        return Mistake(where, "unknown key", fix)
+    if item["type"] == "missing":
+        return Mistake(where, "is missing", "add it (`vsajax init` writes a complete example)")
+    message = item["msg"].removeprefix("Value error, ")
+    shown = "" if isinstance(got, dict | list) or item["type"] == "value_error" else f"got {got!r}; "
+    return Mistake(where, shown + message[0].lower() + message[1:])
+
+
+def _fields_at(keys: list[str], model: type[pydantic.BaseModel]) -> tuple[list[str], list[str]]:
+    """Walk `keys` through nested models: (the keys without union tags, the field names at the end)."""
+    models, clean = [model], []
+    for key in keys:
+        owners = [m for m in models if key in m.model_fields]
+        if owners:
+            clean.append(key)
+            models = [n for m in owners for n in _models_in(m.model_fields[key].annotation)]
+        elif any(key in _tags_of(m) for m in models):
+            models = [m for m in models if key in _tags_of(m)]
+        else:
+            clean.append(key)
+    return clean, sorted({name for m in models for name in m.model_fields})
+
+
+def _without_tags(keys: list[str], model: type[pydantic.BaseModel]) -> list[str]:
+    return _fields_at(keys, model)[0]
+
+
+def _sibling_keys(keys: list[str], model: type[pydantic.BaseModel]) -> list[str]:
+    return _fields_at(keys, model)[1]
+
+
+def _models_in(annotation: Any) -> list[type[pydantic.BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
+        return [annotation]
+    inner = getattr(annotation, "__args__", ()) or getattr(annotation, "__value__", ())
+    inner = inner if isinstance(inner, tuple) else (inner,)
+    return [m for part in inner for m in _models_in(part)]
+
+
+def _tags_of(model: type[pydantic.BaseModel]) -> set[str]:
+    tags = {model.__name__}
+    for field in model.model_fields.values():
+        tags |= {a for a in getattr(field.annotation, "__args__", ()) if isinstance(a, str)}
+    return tags
