@@ -1,0 +1,179 @@
+"""Regression bases: functions of deflection and setpoint whose weighted sum is the elastic torque.
+
+Letters: F features with τ_e = Fᵀη, ∂F/∂φ their slopes with σ = (∂F/∂φ)ᵀη; φ deflection, θ_c setpoint.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from vsajax.types import Scalar, leaf
+
+Vector = tuple[Scalar, ...]
+
+
+class AbstractBasis(eqx.Module):
+    """Features of the elastic torque, linear in the unknown coefficients."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of features d."""
+
+    @property
+    @abstractmethod
+    def uses_setpoint(self) -> bool:
+        """Whether the features depend on the setpoint, which must then be measured."""
+
+    @abstractmethod
+    def __call__(self, setpoint: Scalar, deflection: Scalar) -> tuple[Vector, Vector]:
+        """Return the features F and their slopes ∂F/∂φ."""
+
+
+class SeparableOddPolynomial(AbstractBasis):
+    """Products of powers of the setpoint and odd powers of the deflection, (18)–(23) of Flacco et al., IROS 2011.
+
+    F = (s^j x^(2i+1)) for j < m (outer) and i < n (inner), with x = φ / deflection_scale and
+    s = setpoint_origin + setpoint_scale · θ_c. The RLS prior acts on the coefficients of these features, so the
+    scales decide how fast each of them is learnt: for the AwAS the paper's figures need s = r in millimetres.
+
+    With `deflection_offset` the even powers x^(2i) join: the powers of (φ − φ₀) span the same space for any
+    offset φ₀ of the encoders, so an unknown φ₀, and with it a torque bias, is identified by the same linear fit.
+
+    Args:
+        deflection_scale: [rad].
+        setpoint_origin: value of s at θ_c = 0.
+        setpoint_scale: change of s per radian of θ_c.
+        deflection_terms: n ≥ 1.
+        setpoint_terms: m ≥ 1; with 1 the setpoint is not used.
+        deflection_offset: whether to identify an offset of the deflection.
+    """
+
+    deflection_scale: Scalar = leaf(default=1.0)
+    setpoint_origin: Scalar = leaf(default=0.0)
+    setpoint_scale: Scalar = leaf(default=1.0)
+    deflection_terms: int = eqx.field(static=True, default=1)
+    setpoint_terms: int = eqx.field(static=True, default=1)
+    deflection_offset: bool = eqx.field(static=True, default=False)
+
+    @property
+    def size(self) -> int:
+        """Return n m, or 2 n m with an offset."""
+        return self.deflection_terms * self.setpoint_terms * (2 if self.deflection_offset else 1)
+
+    @property
+    def uses_setpoint(self) -> bool:
+        """Return whether m > 1."""
+        return self.setpoint_terms > 1
+
+    def __call__(self, setpoint: Scalar, deflection: Scalar) -> tuple[Vector, Vector]:
+        """Return the features and their slopes."""
+        powers = _powers(deflection / self.deflection_scale, 2 * self.deflection_terms - 1)
+        exponents = [2 * i + 1 for i in range(self.deflection_terms)]
+        if self.deflection_offset:
+            exponents += [2 * i for i in range(self.deflection_terms)]
+        inner = [powers[e] for e in exponents]
+        slopes = [e * powers[max(e - 1, 0)] / self.deflection_scale for e in exponents]
+        outer = _powers(self.setpoint_origin + self.setpoint_scale * setpoint, self.setpoint_terms - 1)
+        return tuple(s * x for s in outer for x in inner), tuple(s * x for s in outer for x in slopes)
+
+
+class Polynomial(AbstractBasis):
+    """1, x, …, x^order with x = φ / deflection_scale: a characteristic without symmetry, with its torque bias.
+
+    Args:
+        deflection_scale: [rad].
+        order: ≥ 1.
+    """
+
+    deflection_scale: Scalar = leaf(default=1.0)
+    order: int = eqx.field(static=True, default=1)
+
+    @property
+    def size(self) -> int:
+        """Return order + 1."""
+        return self.order + 1
+
+    @property
+    def uses_setpoint(self) -> bool:
+        """Return False."""
+        return False
+
+    def __call__(self, setpoint: Scalar, deflection: Scalar) -> tuple[Vector, Vector]:
+        """Return the features and their slopes."""
+        powers = _powers(deflection / self.deflection_scale, self.order)
+        slopes = [jnp.zeros_like(deflection)]
+        slopes += [e * powers[e - 1] / self.deflection_scale for e in range(1, self.order + 1)]
+        return tuple(powers), tuple(slopes)
+
+
+class Legendre(AbstractBasis):
+    """Legendre polynomials P₀ … P_order of the deflection mapped from [lower, upper] to [−1, 1].
+
+    They keep the regression well conditioned at high orders as long as the deflection stays in the range.
+
+    Args:
+        lower: [rad].
+        upper: [rad], above `lower`.
+        order: ≥ 1.
+    """
+
+    lower: Scalar = leaf()
+    upper: Scalar = leaf()
+    order: int = eqx.field(static=True, default=3)
+
+    @property
+    def size(self) -> int:
+        """Return order + 1."""
+        return self.order + 1
+
+    @property
+    def uses_setpoint(self) -> bool:
+        """Return False."""
+        return False
+
+    def __call__(self, setpoint: Scalar, deflection: Scalar) -> tuple[Vector, Vector]:
+        """Return the features and their slopes."""
+        stretch = 2.0 / (self.upper - self.lower)
+        x = (deflection - self.lower) * stretch - 1.0
+        values, slopes = [jnp.ones_like(x), x], [jnp.zeros_like(x), jnp.ones_like(x)]
+        for n in range(1, self.order):
+            # Bonnet's recursion, and P'ₙ₊₁ = P'ₙ₋₁ + (2n + 1) Pₙ.
+            values.append(((2 * n + 1) * x * values[n] - n * values[n - 1]) / (n + 1))
+            slopes.append(slopes[n - 1] + (2 * n + 1) * values[n])
+        return tuple(values), tuple(stretch * s for s in slopes)
+
+
+class WithTorqueBias(AbstractBasis):
+    """Another basis and the constant 1, whose coefficient is an unknown bias of the torque signal [N·m].
+
+    Args:
+        basis: the basis of the elastic torque; one without a constant of its own.
+    """
+
+    basis: AbstractBasis
+
+    @property
+    def size(self) -> int:
+        """Return the other basis' size + 1."""
+        return self.basis.size + 1
+
+    @property
+    def uses_setpoint(self) -> bool:
+        """Return what the other basis says."""
+        return self.basis.uses_setpoint
+
+    def __call__(self, setpoint: Scalar, deflection: Scalar) -> tuple[Vector, Vector]:
+        """Return the features and their slopes."""
+        features, slopes = self.basis(setpoint, deflection)
+        return (*features, jnp.ones_like(deflection)), (*slopes, jnp.zeros_like(deflection))
+
+
+def _powers(x: Scalar, highest: int) -> list[Scalar]:
+    powers = [jnp.ones_like(x)]
+    for _ in range(highest):
+        powers.append(powers[-1] * x)
+    return powers

@@ -1,0 +1,45 @@
+"""When an estimate deserves to be believed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from vsajax.types import Scalar, leaf
+
+
+class GateState(NamedTuple):
+    """The smallest and largest deflection so far [rad]."""
+
+    lowest: Scalar
+    highest: Scalar
+
+
+class ExcitationGate(eqx.Module):
+    """Calls a stiffness known once the deflection has moved and the posterior is tight.
+
+    Both are needed: while nothing moves, sensor noise alone can shrink a covariance, and a single large
+    movement says nothing about a characteristic with many coefficients.
+
+    Args:
+        min_deflection_range: largest minus smallest deflection so far must reach this [rad].
+        max_relative_std: the posterior standard deviation must not exceed this share of the stiffness.
+    """
+
+    min_deflection_range: Scalar = leaf(default=0.0)
+    max_relative_std: Scalar = leaf(default=0.1)
+
+    def init(self, deflection: Scalar) -> GateState:
+        """Return the state before the first sample is processed."""
+        return GateState(deflection, deflection)
+
+    def step(
+        self, state: GateState, deflection: Scalar, stiffness: Scalar, std: Scalar
+    ) -> tuple[GateState, Bool[Array, ""]]:
+        """Return (state, whether the stiffness is known)."""
+        state = GateState(jnp.minimum(state.lowest, deflection), jnp.maximum(state.highest, deflection))
+        has_moved = state.highest - state.lowest >= self.min_deflection_range
+        return state, has_moved & (std <= self.max_relative_std * jnp.abs(stiffness))

@@ -1,0 +1,217 @@
+"""Recursive least squares, and what its posterior says about an estimate.
+
+Letters of Flacco et al., IROS 2011: F features, η coefficients, P covariance, ρ = FᵀPF, K = PF/(1 + ρ),
+ε innovation, a stability factor, c its constant.
+
+The enhanced RLS (25)–(27) is ordinary RLS: with a = (c + cρ)/(1 + cρ), a·K = cPF/(1 + cρ), so P' = cP follows
+(14) from P'(0) = c·P(0). c and P(0) are one hyperparameter, the prior scale κ = c·P(0), and the estimate is
+ridge regression with λ = 1/κ. `UnitFactor` is that well-conditioned form; `EnhancedFactor` is the printed one.
+
+P, K and ρ depend on features and prior alone, never on the torque. Under nested `vmap` they are therefore
+computed once for every torque-only hyperparameter and torque-noise draw; the recursion below keeps that so.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from vsajax.numerics import Rows, combine_rows, dot, quadratic_form, rank_one_downdate, scaled_identity
+from vsajax.types import Scalar, leaf, require_float64
+
+
+class Step(NamedTuple):
+    """How a gain law weights a sample.
+
+    Args:
+        factor: a.
+        inflation: what P is multiplied by after the sample, 1/λ when forgetting.
+        spread: the innovation's variance in units of the noise variance, 1 + ρ in the posterior's own scale.
+    """
+
+    factor: Scalar
+    inflation: Scalar
+    spread: Scalar
+
+
+class AbstractGainLaw(eqx.Module):
+    """How strongly each sample is used."""
+
+    @abstractmethod
+    def __call__(self, leverage: Scalar) -> Step:
+        """Return the weights of a sample with leverage ρ."""
+
+    @abstractmethod
+    def posterior_scale(self) -> Scalar:
+        """Return what turns P into a posterior covariance in units of the noise variance; NaN if nothing does."""
+
+    @abstractmethod
+    def memory(self) -> Scalar:
+        """Return by how much the weight of past innovations shrinks each sample."""
+
+
+class UnitFactor(AbstractGainLaw):
+    """a = 1: ordinary RLS (14)."""
+
+    def __call__(self, leverage: Scalar) -> Step:
+        """Return a = 1, no inflation."""
+        return Step(jnp.ones_like(leverage), jnp.ones_like(leverage), 1.0 + leverage)
+
+    def posterior_scale(self) -> Scalar:
+        """P is the posterior covariance itself."""
+        return jnp.ones(())
+
+    def memory(self) -> Scalar:
+        """Nothing is forgotten."""
+        return jnp.ones(())
+
+
+class EnhancedFactor(AbstractGainLaw):
+    """a(k) = (c + cρ)/(1 + cρ), (27), as printed.
+
+    Args:
+        constant: c > 0.
+    """
+
+    constant: Scalar = leaf()
+
+    def __call__(self, leverage: Scalar) -> Step:
+        """Return a(k), no inflation."""
+        scaled = self.constant * leverage
+        return Step((self.constant + scaled) / (1.0 + scaled), jnp.ones_like(leverage), 1.0 + scaled)
+
+    def posterior_scale(self) -> Scalar:
+        """c·P is the posterior covariance."""
+        return self.constant
+
+    def memory(self) -> Scalar:
+        """Nothing is forgotten."""
+        return jnp.ones(())
+
+
+class ConstantFactor(AbstractGainLaw):
+    """a(k) = a in (25): Fig. 8's comparison. It is no least-squares estimate, so it has no posterior.
+
+    Args:
+        factor: 0 < a ≤ 1.
+    """
+
+    factor: Scalar = leaf()
+
+    def __call__(self, leverage: Scalar) -> Step:
+        """Return a, no inflation."""
+        return Step(self.factor + jnp.zeros_like(leverage), jnp.ones_like(leverage), 1.0 + leverage)
+
+    def posterior_scale(self) -> Scalar:
+        """No multiple of P is a posterior."""
+        return jnp.full((), jnp.nan)
+
+    def memory(self) -> Scalar:
+        """Nothing is forgotten."""
+        return jnp.ones(())
+
+
+class ExponentialForgetting(AbstractGainLaw):
+    """Ordinary RLS in which a sample's weight shrinks by λ with every later one.
+
+    With ρ = FᵀPF of the inflated P this is the textbook K = PF/(λ + FᵀPF), P ← (P − K FᵀP)/λ.
+
+    Args:
+        forgetting: λ, 0 < λ ≤ 1; the memory is about 1/(1 − λ) samples.
+    """
+
+    forgetting: Scalar = leaf()
+
+    def __call__(self, leverage: Scalar) -> Step:
+        """Return a = 1 and the inflation 1/λ."""
+        return Step(jnp.ones_like(leverage), jnp.ones_like(leverage) / self.forgetting, 1.0 + leverage)
+
+    def posterior_scale(self) -> Scalar:
+        """λ·P is the covariance after the last sample: P is kept as the prior of the next one."""
+        return self.forgetting
+
+    def memory(self) -> Scalar:
+        """Return λ."""
+        return self.forgetting
+
+
+class FitState(NamedTuple):
+    """Coefficients η, covariance P, and running sums of the normalised innovations e = ε/√spread.
+
+    Args:
+        coefficients: η.
+        covariance: P as rows.
+        squares: Σ e².
+        products: Σ e(k) e(k−1).
+        weight: Σ 1, the number of samples in memory.
+        last: e(k−1).
+    """
+
+    coefficients: tuple[Scalar, ...]
+    covariance: Rows
+    squares: Scalar
+    products: Scalar
+    weight: Scalar
+    last: Scalar
+
+
+class RecursiveLeastSquares(eqx.Module):
+    """Recursive least squares from zero coefficients and covariance prior_scale · I.
+
+    Args:
+        prior_scale: κ, or P(0) with the printed `EnhancedFactor` and with `ConstantFactor`.
+        law: how strongly each sample is used.
+    """
+
+    prior_scale: Scalar = leaf()
+    law: AbstractGainLaw = eqx.field(default_factory=UnitFactor)
+
+    def init(self, size: int) -> FitState:
+        """Return the state before the first sample, for `size` features.
+
+        Raises:
+            PrecisionError: double precision is off.
+        """
+        require_float64("recursive least squares")
+        zero = jnp.zeros_like(self.prior_scale)
+        return FitState((zero,) * size, scaled_identity(self.prior_scale, size), zero, zero, zero, zero)
+
+    def step(self, state: FitState, features: tuple[Scalar, ...], target: Scalar) -> tuple[FitState, Scalar]:
+        """Use one sample; return (state, stability factor a)."""
+        column = combine_rows(state.covariance, features)
+        entries = tuple(column[i] for i in range(len(features)))
+        leverage = dot(features, entries)
+        factor, inflation, spread = self.law(leverage)
+        gain = factor / (1.0 + leverage)
+        innovation = target - dot(features, state.coefficients)
+        correction = gain * innovation
+        normalised = innovation / jnp.sqrt(spread)
+        memory = self.law.memory()
+        state = FitState(
+            tuple(eta + correction * entry for eta, entry in zip(state.coefficients, entries, strict=True)),
+            rank_one_downdate(state.covariance, column, gain, inflation),
+            memory * state.squares + normalised * normalised,
+            memory * state.products + normalised * state.last,
+            memory * state.weight + 1.0,
+            normalised,
+        )
+        return state, factor
+
+    def variance(self, state: FitState, direction: tuple[Scalar, ...]) -> Scalar:
+        """Return the posterior variance of directionᵀη.
+
+        Var = s² · f · directionᵀ P' direction, where s² is the innovations' variance and f = (1 + r)/(1 − r)
+        accounts for their correlation r from one sample to the next: a filtered torque or hysteresis carries
+        far fewer independent samples than the recording has. Infinite until there are more samples than
+        coefficients.
+        """
+        spread = quadratic_form(state.covariance, direction) * self.law.posterior_scale()
+        freedom = state.weight - len(direction)
+        noise = state.squares / jnp.maximum(freedom, 1.0)
+        total = jnp.maximum(state.squares, jnp.finfo(spread.dtype).tiny)
+        correlation = jnp.clip(state.products / total, 0.0, 0.999)
+        variance = noise * spread * (1.0 + correlation) / (1.0 - correlation)
+        return jnp.where(freedom > 0.0, variance, jnp.inf)

@@ -1,0 +1,119 @@
+"""The stiffness estimator of Flacco et al., IROS 2011, as a composition: torque, velocity, basis, fit, gate."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from vsajax.estimators.base import AbstractEstimator, MissingSignalError
+from vsajax.estimators.bases import AbstractBasis
+from vsajax.estimators.gate import ExcitationGate, GateState
+from vsajax.estimators.rls import FitState, RecursiveLeastSquares
+from vsajax.estimators.torque import AbstractTorqueSource, Kinematics
+from vsajax.estimators.velocity import AbstractVelocityFilter
+from vsajax.numerics import dot
+from vsajax.types import Estimate, Sample, Scalar, Signals
+
+
+class EstimatorState(NamedTuple):
+    """The states of the parts; `None` for a filter that does not run."""
+
+    motor: Any
+    link: Any
+    torque: Any
+    fit: FitState
+    gate: GateState
+
+
+class StiffnessEstimator(AbstractEstimator):
+    """Two stages: the elastic torque, then recursive least squares on a basis of deflection and setpoint.
+
+    Args:
+        torque: where the elastic torque comes from.
+        basis: what it is regressed on.
+        fit: the recursive fit.
+        velocity: the filter of the motor's (and link's) readings; `None` where neither the torque nor the
+            deflection needs one.
+        gate: when the answer is known.
+        deflection: "filtered", link minus motor position both filtered, as the paper does; "raw", of the
+            readings; "measured", a signal of its own.
+    """
+
+    torque: AbstractTorqueSource
+    basis: AbstractBasis
+    fit: RecursiveLeastSquares
+    velocity: AbstractVelocityFilter | None = None
+    gate: ExcitationGate = eqx.field(default_factory=ExcitationGate)
+    deflection: Literal["filtered", "raw", "measured"] = eqx.field(static=True, default="filtered")
+
+    def __check_init__(self):
+        """A filter must be there for whoever reads it."""
+        if self.velocity is None and (self.deflection == "filtered" or "motor_position" in self.torque.needs):
+            raise ValueError(
+                "velocity is None, but the residual torque or deflection='filtered' needs a velocity filter; "
+                "give one, e.g. ModifiedKinematicKalman"
+            )
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Names of the signals that a recording must have."""
+        positions = {"deflection"} if self.deflection == "measured" else {"link_position", "motor_position"}
+        setpoint = {"setpoint_position"} if self.basis.uses_setpoint else set()
+        return self.torque.needs | positions | setpoint
+
+    def init(self, sample: Sample) -> EstimatorState:
+        """Return the state before the first sample, which `step` then processes as any other.
+
+        Raises:
+            MissingSignalError: the sample lacks a signal that the estimator needs.
+            PrecisionError: double precision is off.
+        """
+        MissingSignalError.check(self.needs, sample)
+        return EstimatorState(
+            motor=self.velocity.init(sample.motor_position) if self._filters_motor else None,
+            link=self.velocity.init(sample.link_position) if self._filters_link else None,
+            torque=self.torque.init(sample),
+            fit=self.fit.init(self.basis.size),
+            gate=self.gate.init(self._raw_deflection(sample)),
+        )
+
+    def step(self, state: EstimatorState, sample: Sample) -> tuple[EstimatorState, Estimate]:
+        """Process one sample; return (state, estimate)."""
+        motor, link, kinematics = self._filter(state, sample)
+        torque_state, torque = self.torque.step(state.torque, sample, kinematics)
+        features, slopes = self.basis(kinematics.setpoint, kinematics.deflection)
+        fit, factor = self.fit.step(state.fit, features, torque)
+        stiffness = dot(slopes, fit.coefficients)
+        std = jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0))
+        gate, known = self.gate.step(state.gate, kinematics.deflection, stiffness, std)
+        signals = Signals(kinematics.deflection, torque, kinematics.motor_velocity, factor)
+        estimate = Estimate(stiffness, std, dot(features, fit.coefficients), known, signals)
+        return EstimatorState(motor, link, torque_state, fit, gate), estimate
+
+    @property
+    def _filters_motor(self) -> bool:
+        return self.deflection == "filtered" or "motor_position" in self.torque.needs
+
+    @property
+    def _filters_link(self) -> bool:
+        return self.deflection == "filtered"
+
+    def _raw_deflection(self, sample: Sample) -> Scalar:
+        return (
+            sample.deflection
+            if self.deflection == "measured"
+            else sample.link_position - sample.motor_position
+        )
+
+    def _filter(self, state: EstimatorState, sample: Sample) -> tuple[Any, Any, Kinematics]:
+        motor, link, deflection = state.motor, state.link, self._raw_deflection(sample)
+        position = velocity = jnp.zeros_like(deflection)
+        if self._filters_motor:
+            motor, (position, velocity) = self.velocity.step(motor, sample.motor_position, sample.dt)
+        if self._filters_link:
+            link, (link_position, _) = self.velocity.step(link, sample.link_position, sample.dt)
+            deflection = link_position - position
+        setpoint = sample.setpoint_position if self.basis.uses_setpoint else jnp.zeros_like(deflection)
+        return motor, link, Kinematics(deflection, setpoint, position, velocity)

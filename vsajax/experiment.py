@@ -1,0 +1,125 @@
+"""The one pure function of the lab: metric(truth, estimate(estimator, measure(sensors, simulate(joint, excitation)))).
+
+This is the only module that knows plants and estimators. Everything here is unbatched; users `vmap` it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from vsajax import plants, rollout
+from vsajax.estimators import AbstractEstimator
+from vsajax.metrics import Scorer, Scores, ScoreState
+from vsajax.plants import AbstractJoint, Motion, Torques
+from vsajax.sensing import Clock, Excitation, SensorSuite
+from vsajax.types import Estimate, Recording, Sample, Scalar, Series
+
+
+class Bench(eqx.Module):
+    """A joint on the test bench, with what drives it, what measures it and what estimates its stiffness.
+
+    Its array leaves are everything that can be varied: across a population by `vmap`, across a grid by nested
+    `vmap`, along a gradient by differentiation.
+    """
+
+    joint: AbstractJoint
+    excitation: Excitation
+    sensing: SensorSuite
+    estimator: AbstractEstimator
+    scorer: Scorer
+    clock: Clock
+
+
+class Truth(NamedTuple):
+    """A simulated motion and when it was sampled [s]."""
+
+    time: Series
+    motion: Motion
+
+
+def simulate(bench: Bench, *, key: Key[Array, ""], substeps: int) -> Truth:
+    """Return the motion of the bench's joint under its excitation.
+
+    Args:
+        bench: only joint, excitation and clock are used.
+        key: of the clock's jitter.
+        substeps: integration steps a sample, see `plants.substeps_for`.
+    """
+    time = bench.clock.times(key=key)
+    torques = Torques(*bench.excitation.torques(time))
+    motion = plants.simulate(bench.joint, torques, bench.clock.intervals(time), substeps=substeps)
+    return Truth(time, motion)
+
+
+def measure(bench: Bench, truth: Truth, *, key: Key[Array, ""]) -> Recording:
+    """Return what the bench's sensors record of a motion; `key` draws the noise."""
+    return bench.sensing.measure(truth.time, truth.motion, key=key)
+
+
+def estimate(estimator: AbstractEstimator, recording: Recording, *, segment: int | None = None) -> Estimate:
+    """Run an estimator over a recording, simulated or real.
+
+    Args:
+        estimator: any estimator.
+        recording: `(time,)` signals.
+        segment: samples a checkpointed segment, see `rollout.scan`.
+
+    Returns:
+        The estimates, `(time,)` a field.
+
+    Raises:
+        MissingSignalError: the recording lacks a signal that the estimator needs.
+        PrecisionError: double precision is off.
+    """
+    samples = recording.samples()
+    start = estimator.init(jax.tree.map(lambda x: x[0], samples))
+    return rollout.scan(estimator.step, start, samples, segment=segment)[1]
+
+
+def score(estimator: AbstractEstimator, recording: Recording, stiffness: Series, *, scorer: Scorer) -> Scores:
+    """Run an estimator over a recording and score it against the true stiffness, in constant memory.
+
+    Args:
+        estimator: any estimator.
+        recording: `(time,)` signals.
+        stiffness: the true stiffness at the same instants [N·m/rad].
+        scorer: what to count.
+    """
+    samples = recording.samples()
+    start = (estimator.init(jax.tree.map(lambda x: x[0], samples)), scorer.init())
+
+    def step(state: tuple, inputs: tuple[Sample, Scalar, Scalar]) -> tuple[tuple, None]:
+        running, counted = state
+        sample, time, true_stiffness = inputs
+        running, answer = estimator.step(running, sample)
+        return (running, scorer.step(counted, time, true_stiffness, answer)), None
+
+    last: tuple[object, ScoreState] = rollout.scan(step, start, (samples, recording.time, stiffness))[0]
+    return scorer.scores(last[1])
+
+
+def score_estimate(time: Series, stiffness: Series, answer: Estimate, *, scorer: Scorer) -> Scores:
+    """Score estimates that were already computed, e.g. read from a file."""
+
+    def step(state: ScoreState, inputs: tuple[Scalar, Scalar, Estimate]) -> tuple[ScoreState, None]:
+        return scorer.step(state, *inputs), None
+
+    return scorer.scores(rollout.scan(step, scorer.init(), (time, stiffness, answer))[0])
+
+
+def residuals(
+    estimator: AbstractEstimator, recording: Recording, stiffness: Series, *, scorer: Scorer
+) -> Float[Array, " time"]:
+    """Return the vector whose squared norm is the recording's MSREP [√%], for least-squares tuning.
+
+    Element k is 10 (σ − σ̂)/σ / √p, with p as in (36).
+    """
+    answer = estimate(estimator, recording)
+    relative = scorer.relative_error(stiffness, answer.stiffness)
+    counted = jnp.sum(jnp.abs(stiffness) > scorer.stiffness_floor)
+    return 10.0 * relative / jnp.sqrt(counted - 1.0)

@@ -1,0 +1,20 @@
+"""Scalar mathematics that compiles to fast scan bodies: no LAPACK, no library call per lane."""
+
+from vsajax.numerics.functions import damped_response, logistic, safe_divide, smooth_sign
+from vsajax.numerics.rows import Rows, combine_rows, dot, quadratic_form, rank_one_downdate, scaled_identity
+from vsajax.numerics.trigonometry import cos, sin
+
+__all__ = [
+    "Rows",
+    "combine_rows",
+    "cos",
+    "damped_response",
+    "dot",
+    "logistic",
+    "quadratic_form",
+    "rank_one_downdate",
+    "safe_divide",
+    "scaled_identity",
+    "sin",
+    "smooth_sign",
+]

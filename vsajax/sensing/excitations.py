@@ -1,0 +1,163 @@
+"""Torque profiles that drive a joint, as functions of time."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from vsajax.types import Scalar, Series, as_leaf, leaf
+
+Value = Float[Array, "..."]
+
+
+class AbstractExcitation(eqx.Module):
+    """A torque as a function of time."""
+
+    @abstractmethod
+    def __call__(self, time: Value) -> Value:
+        """Return the torque at `time` [s], in N·m."""
+
+
+class Sine(AbstractExcitation):
+    """offset + amplitude · sin(2π frequency t + phase).
+
+    Args:
+        amplitude: [N·m].
+        frequency: [Hz].
+        phase: [rad].
+        offset: [N·m].
+    """
+
+    amplitude: Scalar = leaf(default=0.0)
+    frequency: Scalar = leaf(default=0.0)
+    phase: Scalar = leaf(default=0.0)
+    offset: Scalar = leaf(default=0.0)
+
+    def __call__(self, time: Value) -> Value:
+        """Return the torque at `time`."""
+        return self.offset + self.amplitude * jnp.sin(2.0 * jnp.pi * self.frequency * time + self.phase)
+
+
+class Multisine(AbstractExcitation):
+    """offset + Σ amplitudeᵢ · sin(2π frequencyᵢ t + phaseᵢ).
+
+    Args:
+        amplitudes: [N·m].
+        frequencies: [Hz], as many.
+        phases: [rad], as many.
+        offset: [N·m].
+    """
+
+    amplitudes: Float[Array, " tones"] = leaf()
+    frequencies: Float[Array, " tones"] = leaf()
+    phases: Float[Array, " tones"] = leaf()
+    offset: Scalar = leaf(default=0.0)
+
+    def __call__(self, time: Value) -> Value:
+        """Return the torque at `time`."""
+        # A loop over tones, not a (time, tones) table: a tone costs no memory.
+        total = self.offset * jnp.ones_like(time)
+        for i in range(self.amplitudes.shape[0]):
+            angle = 2.0 * jnp.pi * self.frequencies[i] * time + self.phases[i]
+            total = total + self.amplitudes[i] * jnp.sin(angle)
+        return total
+
+
+class Chirp(AbstractExcitation):
+    """A sine whose frequency rises linearly from `start` to `stop` over `duration`, and again after it.
+
+    Args:
+        amplitude: [N·m].
+        start: [Hz].
+        stop: [Hz].
+        duration: [s].
+        offset: [N·m].
+    """
+
+    amplitude: Scalar = leaf()
+    start: Scalar = leaf()
+    stop: Scalar = leaf()
+    duration: Scalar = leaf()
+    offset: Scalar = leaf(default=0.0)
+
+    def __call__(self, time: Value) -> Value:
+        """Return the torque at `time`."""
+        elapsed = jnp.mod(time, self.duration)
+        cycles = self.start * elapsed + 0.5 * (self.stop - self.start) / self.duration * elapsed**2
+        return self.offset + self.amplitude * jnp.sin(2.0 * jnp.pi * cycles)
+
+
+class BandLimitedNoise(AbstractExcitation):
+    """Gaussian noise between two frequencies: a sum of tones of equal power, random in phase and frequency.
+
+    Each tone lies at random in its own equal share of the band, so that the signal does not repeat.
+
+    Args:
+        std: [N·m].
+        low: lower edge of the band [Hz].
+        high: upper edge [Hz].
+        offset: [N·m].
+        seed: of the phases and frequencies; the same seed gives the same signal.
+        tones: how many; 32 are Gaussian to a few percent.
+    """
+
+    std: Scalar = leaf()
+    low: Scalar = leaf()
+    high: Scalar = leaf()
+    offset: Scalar = leaf(default=0.0)
+    seed: int = eqx.field(static=True, default=0)
+    tones: int = eqx.field(static=True, default=32)
+
+    def __call__(self, time: Value) -> Value:
+        """Return the torque at `time`."""
+        places, turns = jax.random.uniform(jax.random.key(self.seed), (2, self.tones), time.dtype)
+        shares = (jnp.arange(self.tones) + places) / self.tones
+        amplitude = self.std * jnp.sqrt(2.0 / self.tones)
+        tones = Multisine(
+            amplitudes=jnp.broadcast_to(amplitude, (self.tones,)),
+            frequencies=self.low + shares * (self.high - self.low),
+            phases=2.0 * jnp.pi * turns,
+            offset=self.offset,
+        )
+        return tones(time)
+
+
+class Recorded(AbstractExcitation):
+    """A recorded torque, interpolated linearly and held at its ends.
+
+    Args:
+        time: strictly increasing [s].
+        torque: [N·m].
+    """
+
+    time: Series = leaf()
+    torque: Series = leaf()
+
+    def __call__(self, time: Value) -> Value:
+        """Return the torque at `time`."""
+        return jnp.interp(time, self.time, self.torque)
+
+
+class Excitation(eqx.Module):
+    """What drives each input of a joint; `None` is no torque.
+
+    Args:
+        motor: on the principal motor's axis.
+        setpoint_motor: on the stiffness-setting motor's axis.
+        external: from the environment, on the link.
+    """
+
+    motor: AbstractExcitation | None = None
+    setpoint_motor: AbstractExcitation | None = None
+    external: AbstractExcitation | None = None
+
+    def torques(self, time: Series) -> tuple[Series, Series, Series]:
+        """Return the motor, setpoint-motor and external torque at `time` [N·m]."""
+        silence = as_leaf(0.0) * time
+        return tuple(
+            silence if e is None else e(time) for e in (self.motor, self.setpoint_motor, self.external)
+        )  # pyright: ignore[reportReturnType]

@@ -1,0 +1,124 @@
+"""The nouns that every part of the library shares: samples in, estimates out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+Scalar = Float[Array, ""]
+Series = Float[Array, " time"]
+
+
+class PrecisionError(TypeError):
+    """A computation that is unsafe in single precision was asked for in single precision."""
+
+
+def as_leaf(value: object) -> Array:
+    """Return `value` as a strongly typed array of the default float type, so that all values share one trace."""
+    return jnp.asarray(value, jnp.result_type(float))
+
+
+def optional_leaf(value: object) -> Array | None:
+    """Like `as_leaf`; `None`, a feature that is switched off, stays `None`."""
+    return None if value is None else as_leaf(value)
+
+
+def leaf(**kwargs: object) -> object:
+    """Declare a tunable number of a module: a float array leaf."""
+    return eqx.field(converter=as_leaf, **kwargs)
+
+
+def switch(**kwargs: object) -> object:
+    """Declare a tunable number that may be `None`: the feature is then absent from the compiled program."""
+    return eqx.field(converter=optional_leaf, **kwargs)
+
+
+def require_float64(what: str) -> None:
+    """Raise `PrecisionError` unless double precision is switched on."""
+    if not jax.config.jax_enable_x64:
+        raise PrecisionError(
+            f"{what} needs float64: squared deflections lie below single precision. "
+            "Call jax.config.update('jax_enable_x64', True) at the start of the program "
+            "(the command line does)."
+        )
+
+
+class Sample(NamedTuple):
+    """What a joint's sensors say at one instant; a signal that is not measured is `None`.
+
+    Args:
+        dt: time since the previous sample [s]; 0 for the first.
+        link_position: [rad].
+        motor_position: principal motor, on the joint side of the gear [rad].
+        setpoint_position: stiffness-setting motor, on the joint side of its gear [rad].
+        motor_torque: principal motor, on the motor axis [N·m].
+        elastic_torque: joint torque sensor [N·m].
+        deflection: link minus motor position, where it is measured by itself [rad].
+    """
+
+    dt: Scalar
+    link_position: Scalar | None = None
+    motor_position: Scalar | None = None
+    setpoint_position: Scalar | None = None
+    motor_torque: Scalar | None = None
+    elastic_torque: Scalar | None = None
+    deflection: Scalar | None = None
+
+
+class Recording(NamedTuple):
+    """The signals of a `Sample` over time; `time` is strictly increasing and may be irregular [s]."""
+
+    time: Series
+    link_position: Series | None = None
+    motor_position: Series | None = None
+    setpoint_position: Series | None = None
+    motor_torque: Series | None = None
+    elastic_torque: Series | None = None
+    deflection: Series | None = None
+
+    def samples(self) -> Sample:
+        """Return the recording as a `Sample` whose leaves have a leading time axis."""
+        dt = jnp.diff(self.time, prepend=self.time[:1])
+        return Sample(dt, *self[1:])
+
+    def present(self) -> frozenset[str]:
+        """Return the names of the signals that are not `None`."""
+        return frozenset(name for name, value in self._asdict().items() if value is not None)
+
+
+class Signals(NamedTuple):
+    """What an estimator worked with at one instant, for plots and diagnosis.
+
+    Args:
+        deflection: as used in the regressors [rad].
+        torque: the elastic torque fed to the fit [N·m].
+        motor_velocity: [rad/s]; 0 where no velocity filter runs.
+        stability_factor: a(k) of the recursive fit, dimensionless.
+    """
+
+    deflection: Float[Array, ...]
+    torque: Float[Array, ...]
+    motor_velocity: Float[Array, ...]
+    stability_factor: Float[Array, ...]
+
+
+class Estimate(NamedTuple):
+    """An estimator's answer at one instant (or, with a leading time axis, over a recording).
+
+    Args:
+        stiffness: [N·m/rad].
+        stiffness_std: posterior standard deviation [N·m/rad].
+        elastic_torque: torque of the fitted characteristic at the present deflection [N·m].
+        known: whether the excitation so far is enough to believe the stiffness.
+        signals: the signals behind the answer.
+    """
+
+    stiffness: Float[Array, ...]
+    stiffness_std: Float[Array, ...]
+    elastic_torque: Float[Array, ...]
+    known: Bool[Array, ...]
+    signals: Signals
