@@ -5,13 +5,11 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import pydantic
 
 from tuning.errors import InputError, Mistake, input_error
-
-Model = TypeVar("Model", bound=pydantic.BaseModel)
 
 
 class Table(pydantic.BaseModel):
@@ -55,7 +53,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise input_error(path, f"is not valid TOML: {error}", "mend that line") from None
 
 
-def validate(model: type[Model], data: dict[str, Any], place: str) -> Model:
+def validate[Model: pydantic.BaseModel](model: type[Model], data: dict[str, Any], place: str) -> Model:
     """Return `data` as a `model`, or raise one `InputError` that lists every mistake with its path."""
     try:
         return model.model_validate(data)

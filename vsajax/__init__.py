@@ -8,13 +8,14 @@ Everything is one function and what JAX does to it::
 from vsajax import estimators, experiment, metrics, numerics, plants, rollout, sensing
 from vsajax.experiment import Bench, Truth, estimate, measure, score, simulate
 from vsajax.metrics import Scorer, Scores
-from vsajax.types import Estimate, PrecisionError, Recording, Sample
+from vsajax.types import Estimate, MissingSignalError, PrecisionError, Recording, Sample
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Bench",
     "Estimate",
+    "MissingSignalError",
     "PrecisionError",
     "Recording",
     "Sample",

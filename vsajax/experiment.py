@@ -1,4 +1,4 @@
-"""The one pure function of the lab: metric(truth, estimate(estimator, measure(sensors, simulate(joint, excitation)))).
+"""The one pure function of the lab, simulate -> measure -> estimate -> score, and the bench that feeds it.
 
 This is the only module that knows plants and estimators. Everything here is unbatched; users `vmap` it.
 """

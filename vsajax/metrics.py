@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from vsajax.numerics import safe_divide
-from vsajax.types import Estimate, Scalar, leaf
+from vsajax.types import Estimate, Scalar, as_leaf
 
 
 class Scores(NamedTuple):
@@ -76,10 +76,10 @@ class Scorer(eqx.Module):
         stiffness_floor: samples with |σ| at or below it have no relative error [N·m/rad].
     """
 
-    warm_up: Scalar = leaf(default=2.0)
-    tolerance: Scalar = leaf(default=0.05)
-    sigmas: Scalar = leaf(default=1.959963984540054)
-    stiffness_floor: Scalar = leaf(default=0.0)
+    warm_up: Scalar = eqx.field(converter=as_leaf, default=2.0)
+    tolerance: Scalar = eqx.field(converter=as_leaf, default=0.05)
+    sigmas: Scalar = eqx.field(converter=as_leaf, default=1.959963984540054)
+    stiffness_floor: Scalar = eqx.field(converter=as_leaf, default=0.0)
 
     def init(self) -> ScoreState:
         """Return the state before the first sample."""
@@ -87,9 +87,7 @@ class Scorer(eqx.Module):
         never = jnp.full_like(zero, jnp.inf)
         return ScoreState(*(zero,) * 15)._replace(last_outside=-never, known_time=never, last_time=-never)
 
-    def relative_error(
-        self, stiffness: Float[Array, ...], estimate: Float[Array, ...]
-    ) -> Float[Array, ...]:
+    def relative_error(self, stiffness: Float[Array, ...], estimate: Float[Array, ...]) -> Float[Array, ...]:
         """Return (σ − σ̂)/σ, and 0 where |σ| does not exceed the floor."""
         is_near_zero = jnp.abs(stiffness) <= self.stiffness_floor
         return safe_divide(stiffness - estimate, jnp.where(is_near_zero, 0.0, stiffness))

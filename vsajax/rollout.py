@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,14 +18,11 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import PyTree
 
-State = TypeVar("State")
-Step = Callable[[State, Any], tuple[State, Any]]
-
 LANES_PER_CHUNK = 64
 
 
-def scan(
-    step: Step[State], state: State, inputs: PyTree, *, segment: int | None = None
+def scan[State](
+    step: Callable[[State, Any], tuple[State, Any]], state: State, inputs: PyTree, *, segment: int | None = None
 ) -> tuple[State, PyTree]:
     """Run `step` over the leading axis of `inputs`.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -18,23 +17,16 @@ class PrecisionError(TypeError):
 
 
 def as_leaf(value: object) -> Array:
-    """Return `value` as a strongly typed array of the default float type, so that all values share one trace."""
+    """Return `value` as a strongly typed float array, so that all values of a tunable share one trace.
+
+    The converter of every tunable number of a module.
+    """
     return jnp.asarray(value, jnp.result_type(float))
 
 
 def optional_leaf(value: object) -> Array | None:
-    """Like `as_leaf`; `None`, a feature that is switched off, stays `None`."""
+    """Like `as_leaf`; `None`, a feature that is absent from the compiled program, stays `None`."""
     return None if value is None else as_leaf(value)
-
-
-def leaf(**kwargs: object) -> object:
-    """Declare a tunable number of a module: a float array leaf."""
-    return eqx.field(converter=as_leaf, **kwargs)
-
-
-def switch(**kwargs: object) -> object:
-    """Declare a tunable number that may be `None`: the feature is then absent from the compiled program."""
-    return eqx.field(converter=optional_leaf, **kwargs)
 
 
 def require_float64(what: str) -> None:
@@ -45,6 +37,10 @@ def require_float64(what: str) -> None:
             "Call jax.config.update('jax_enable_x64', True) at the start of the program "
             "(the command line does)."
         )
+
+
+class MissingSignalError(ValueError):
+    """A recording lacks a signal that an estimator needs."""
 
 
 class Sample(NamedTuple):
@@ -67,6 +63,21 @@ class Sample(NamedTuple):
     motor_torque: Scalar | None = None
     elastic_torque: Scalar | None = None
     deflection: Scalar | None = None
+
+    def read(self, name: str) -> Scalar:
+        """Return a signal.
+
+        Raises:
+            MissingSignalError: it was not measured.
+        """
+        value = getattr(self, name)
+        if value is None:
+            present = sorted(n for n, v in self._asdict().items() if v is not None and n != "dt")
+            raise MissingSignalError(
+                f"the estimator needs the signal {name}, which the recording lacks; it has "
+                f"{', '.join(present)}. Record it, or choose another torque source, deflection or basis."
+            )
+        return value
 
 
 class Recording(NamedTuple):

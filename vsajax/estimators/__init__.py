@@ -1,6 +1,6 @@
 """Online estimators of joint stiffness; they know recordings, never plants."""
 
-from vsajax.estimators.base import AbstractEstimator, MissingSignalError
+from vsajax.estimators.base import AbstractEstimator
 from vsajax.estimators.bases import (
     AbstractBasis,
     Legendre,
@@ -46,7 +46,6 @@ __all__ = [
     "KinematicKalman",
     "Kinematics",
     "Legendre",
-    "MissingSignalError",
     "ModelTorque",
     "ModifiedKinematicKalman",
     "Polynomial",

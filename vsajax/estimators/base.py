@@ -10,22 +10,6 @@ import equinox as eqx
 from vsajax.types import Estimate, Sample
 
 
-class MissingSignalError(ValueError):
-    """A recording lacks a signal that the estimator needs."""
-
-    @classmethod
-    def check(cls, needs: frozenset[str], sample: Sample) -> None:
-        """Raise unless `sample` has every signal of `needs`."""
-        present = {name for name, value in sample._asdict().items() if value is not None}
-        missing = sorted(needs - present)
-        if missing:
-            raise cls(
-                f"the estimator needs the signals {', '.join(missing)}, which the recording lacks; "
-                f"it has {', '.join(sorted(present - {'dt'}))}. Record them, or choose another torque source, "
-                "deflection or basis."
-            )
-
-
 class AbstractEstimator(eqx.Module):
     """An online estimator of joint stiffness.
 

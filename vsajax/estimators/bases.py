@@ -10,7 +10,7 @@ from abc import abstractmethod
 import equinox as eqx
 import jax.numpy as jnp
 
-from vsajax.types import Scalar, leaf
+from vsajax.types import Scalar, as_leaf
 
 Vector = tuple[Scalar, ...]
 
@@ -52,9 +52,9 @@ class SeparableOddPolynomial(AbstractBasis):
         deflection_offset: whether to identify an offset of the deflection.
     """
 
-    deflection_scale: Scalar = leaf(default=1.0)
-    setpoint_origin: Scalar = leaf(default=0.0)
-    setpoint_scale: Scalar = leaf(default=1.0)
+    deflection_scale: Scalar = eqx.field(converter=as_leaf, default=1.0)
+    setpoint_origin: Scalar = eqx.field(converter=as_leaf, default=0.0)
+    setpoint_scale: Scalar = eqx.field(converter=as_leaf, default=1.0)
     deflection_terms: int = eqx.field(static=True, default=1)
     setpoint_terms: int = eqx.field(static=True, default=1)
     deflection_offset: bool = eqx.field(static=True, default=False)
@@ -89,7 +89,7 @@ class Polynomial(AbstractBasis):
         order: ≥ 1.
     """
 
-    deflection_scale: Scalar = leaf(default=1.0)
+    deflection_scale: Scalar = eqx.field(converter=as_leaf, default=1.0)
     order: int = eqx.field(static=True, default=1)
 
     @property
@@ -121,8 +121,8 @@ class Legendre(AbstractBasis):
         order: ≥ 1.
     """
 
-    lower: Scalar = leaf()
-    upper: Scalar = leaf()
+    lower: Scalar = eqx.field(converter=as_leaf)
+    upper: Scalar = eqx.field(converter=as_leaf)
     order: int = eqx.field(static=True, default=3)
 
     @property

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from vsajax.types import Scalar, leaf
+from vsajax.types import Scalar, as_leaf
 
 
 class GateState(NamedTuple):
@@ -29,8 +29,8 @@ class ExcitationGate(eqx.Module):
         max_relative_std: the posterior standard deviation must not exceed this share of the stiffness.
     """
 
-    min_deflection_range: Scalar = leaf(default=0.0)
-    max_relative_std: Scalar = leaf(default=0.1)
+    min_deflection_range: Scalar = eqx.field(converter=as_leaf, default=0.0)
+    max_relative_std: Scalar = eqx.field(converter=as_leaf, default=0.1)
 
     def init(self, deflection: Scalar) -> GateState:
         """Return the state before the first sample is processed."""

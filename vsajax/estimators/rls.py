@@ -20,7 +20,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from vsajax.numerics import Rows, combine_rows, dot, quadratic_form, rank_one_downdate, scaled_identity
-from vsajax.types import Scalar, leaf, require_float64
+from vsajax.types import Scalar, as_leaf, require_float64
 
 
 class Step(NamedTuple):
@@ -76,7 +76,7 @@ class EnhancedFactor(AbstractGainLaw):
         constant: c > 0.
     """
 
-    constant: Scalar = leaf()
+    constant: Scalar = eqx.field(converter=as_leaf)
 
     def __call__(self, leverage: Scalar) -> Step:
         """Return a(k), no inflation."""
@@ -99,7 +99,7 @@ class ConstantFactor(AbstractGainLaw):
         factor: 0 < a ≤ 1.
     """
 
-    factor: Scalar = leaf()
+    factor: Scalar = eqx.field(converter=as_leaf)
 
     def __call__(self, leverage: Scalar) -> Step:
         """Return a, no inflation."""
@@ -123,7 +123,7 @@ class ExponentialForgetting(AbstractGainLaw):
         forgetting: λ, 0 < λ ≤ 1; the memory is about 1/(1 − λ) samples.
     """
 
-    forgetting: Scalar = leaf()
+    forgetting: Scalar = eqx.field(converter=as_leaf)
 
     def __call__(self, leverage: Scalar) -> Step:
         """Return a = 1 and the inflation 1/λ."""
@@ -166,7 +166,7 @@ class RecursiveLeastSquares(eqx.Module):
         law: how strongly each sample is used.
     """
 
-    prior_scale: Scalar = leaf()
+    prior_scale: Scalar = eqx.field(converter=as_leaf)
     law: AbstractGainLaw = eqx.field(default_factory=UnitFactor)
 
     def init(self, size: int) -> FitState:

@@ -7,12 +7,12 @@ from typing import Any, Literal, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from vsajax.estimators.base import AbstractEstimator, MissingSignalError
+from vsajax.estimators.base import AbstractEstimator
 from vsajax.estimators.bases import AbstractBasis
 from vsajax.estimators.gate import ExcitationGate, GateState
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.torque import AbstractTorqueSource, Kinematics
-from vsajax.estimators.velocity import AbstractVelocityFilter
+from vsajax.estimators.velocity import AbstractVelocityFilter, FiniteDifference
 from vsajax.numerics import dot
 from vsajax.types import Estimate, Sample, Scalar, Signals
 
@@ -34,8 +34,7 @@ class StiffnessEstimator(AbstractEstimator):
         torque: where the elastic torque comes from.
         basis: what it is regressed on.
         fit: the recursive fit.
-        velocity: the filter of the motor's (and link's) readings; `None` where neither the torque nor the
-            deflection needs one.
+        velocity: the filter of the motor's readings, and of the link's where the deflection is filtered.
         gate: when the answer is known.
         deflection: "filtered", link minus motor position both filtered, as the paper does; "raw", of the
             readings; "measured", a signal of its own.
@@ -44,17 +43,9 @@ class StiffnessEstimator(AbstractEstimator):
     torque: AbstractTorqueSource
     basis: AbstractBasis
     fit: RecursiveLeastSquares
-    velocity: AbstractVelocityFilter | None = None
+    velocity: AbstractVelocityFilter = eqx.field(default_factory=FiniteDifference)
     gate: ExcitationGate = eqx.field(default_factory=ExcitationGate)
     deflection: Literal["filtered", "raw", "measured"] = eqx.field(static=True, default="filtered")
-
-    def __check_init__(self):
-        """A filter must be there for whoever reads it."""
-        if self.velocity is None and (self.deflection == "filtered" or "motor_position" in self.torque.needs):
-            raise ValueError(
-                "velocity is None, but the residual torque or deflection='filtered' needs a velocity filter; "
-                "give one, e.g. ModifiedKinematicKalman"
-            )
 
     @property
     def needs(self) -> frozenset[str]:
@@ -70,10 +61,9 @@ class StiffnessEstimator(AbstractEstimator):
             MissingSignalError: the sample lacks a signal that the estimator needs.
             PrecisionError: double precision is off.
         """
-        MissingSignalError.check(self.needs, sample)
         return EstimatorState(
-            motor=self.velocity.init(sample.motor_position) if self._filters_motor else None,
-            link=self.velocity.init(sample.link_position) if self._filters_link else None,
+            motor=self.velocity.init(sample.read("motor_position")) if self._filters_motor else None,
+            link=self.velocity.init(sample.read("link_position")) if self._filters_link else None,
             torque=self.torque.init(sample),
             fit=self.fit.init(self.basis.size),
             gate=self.gate.init(self._raw_deflection(sample)),
@@ -101,19 +91,19 @@ class StiffnessEstimator(AbstractEstimator):
         return self.deflection == "filtered"
 
     def _raw_deflection(self, sample: Sample) -> Scalar:
-        return (
-            sample.deflection
-            if self.deflection == "measured"
-            else sample.link_position - sample.motor_position
-        )
+        if self.deflection == "measured":
+            return sample.read("deflection")
+        return sample.read("link_position") - sample.read("motor_position")
 
     def _filter(self, state: EstimatorState, sample: Sample) -> tuple[Any, Any, Kinematics]:
         motor, link, deflection = state.motor, state.link, self._raw_deflection(sample)
         position = velocity = jnp.zeros_like(deflection)
         if self._filters_motor:
-            motor, (position, velocity) = self.velocity.step(motor, sample.motor_position, sample.dt)
+            reading = sample.read("motor_position")
+            motor, (position, velocity) = self.velocity.step(motor, reading, sample.dt)
         if self._filters_link:
-            link, (link_position, _) = self.velocity.step(link, sample.link_position, sample.dt)
+            reading = sample.read("link_position")
+            link, (link_position, _) = self.velocity.step(link, reading, sample.dt)
             deflection = link_position - position
-        setpoint = sample.setpoint_position if self.basis.uses_setpoint else jnp.zeros_like(deflection)
+        setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
         return motor, link, Kinematics(deflection, setpoint, position, velocity)

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from vsajax.numerics import smooth_sign
-from vsajax.types import Sample, Scalar, leaf, switch
+from vsajax.types import Sample, Scalar, as_leaf, optional_leaf
 
 
 class Kinematics(NamedTuple):
@@ -66,7 +66,7 @@ class SensorTorque(AbstractTorqueSource):
 
     def step(self, state: tuple[()], sample: Sample, kinematics: Kinematics) -> tuple[tuple[()], Scalar]:
         """Return the sensor's reading."""
-        return state, _signal(sample.elastic_torque, "elastic_torque")
+        return state, sample.read("elastic_torque")
 
 
 class ModelTorque(AbstractTorqueSource):
@@ -118,12 +118,12 @@ class ResidualTorque(AbstractTorqueSource):
         friction_velocity: the smoothing velocity, on the joint side [rad/s].
     """
 
-    observer_gain: Scalar = leaf()
-    motor_inertia: Scalar = leaf()
-    motor_damping: Scalar = leaf()
-    gear_ratio: Scalar = leaf(default=1.0)
-    friction_torque: Scalar | None = switch(default=None)
-    friction_velocity: Scalar = leaf(default=0.05)
+    observer_gain: Scalar = eqx.field(converter=as_leaf)
+    motor_inertia: Scalar = eqx.field(converter=as_leaf)
+    motor_damping: Scalar = eqx.field(converter=as_leaf)
+    gear_ratio: Scalar = eqx.field(converter=as_leaf, default=1.0)
+    friction_torque: Scalar | None = eqx.field(converter=optional_leaf, default=None)
+    friction_velocity: Scalar = eqx.field(converter=as_leaf, default=0.05)
 
     @property
     def needs(self) -> frozenset[str]:
@@ -132,35 +132,25 @@ class ResidualTorque(AbstractTorqueSource):
 
     def init(self, sample: Sample) -> ResidualState:
         """Start with zero residual at rest at the first sample."""
-        position = _signal(sample.motor_position, "motor_position")
-        torque = _signal(sample.motor_torque, "motor_torque")
+        position = sample.read("motor_position")
+        torque = sample.read("motor_torque")
         zero = jnp.zeros_like(position)
         return ResidualState(zero, self._balance(position, zero, zero), zero, torque)
 
-    def step(
-        self, state: ResidualState, sample: Sample, kinematics: Kinematics
-    ) -> tuple[ResidualState, Scalar]:
+    def step(self, state: ResidualState, sample: Sample, kinematics: Kinematics) -> tuple[ResidualState, Scalar]:
         """Return the elastic torque γ r_e."""
-        torque = _signal(sample.motor_torque, "motor_torque")
+        torque = sample.read("motor_torque")
         if self.friction_torque is not None:
-            torque = torque - self.friction_torque * smooth_sign(
-                kinematics.motor_velocity, self.friction_velocity
-            )
+            torque = torque - self.friction_torque * smooth_sign(kinematics.motor_velocity, self.friction_velocity)
         impulse = state.impulse + 0.5 * (torque + state.torque) * sample.dt
         balance = self._balance(kinematics.motor_position, kinematics.motor_velocity, impulse)
         gain_step = self.observer_gain * sample.dt
-        residual = (
-            (2.0 - gain_step) * state.residual + 2.0 * self.observer_gain * (balance - state.balance)
-        ) / (2.0 + gain_step)
+        residual = ((2.0 - gain_step) * state.residual + 2.0 * self.observer_gain * (balance - state.balance)) / (
+            2.0 + gain_step
+        )
         return ResidualState(residual, balance, impulse, torque), self.gear_ratio * residual
 
     def _balance(self, position: Scalar, velocity: Scalar, impulse: Scalar) -> Scalar:
         """Return B γ θ̇ + D_θ γ θ − I [N·m·s]."""
         momentum = self.motor_inertia * velocity + self.motor_damping * position
         return self.gear_ratio * momentum - impulse
-
-
-def _signal(value: Scalar | None, name: str) -> Scalar:
-    if value is None:
-        raise ValueError(f"the torque source needs the signal {name!r}, which the samples do not have")
-    return value

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from vsajax.numerics import logistic, safe_divide
-from vsajax.types import Scalar, leaf
+from vsajax.types import Scalar, as_leaf
 
 
 class KalmanState(NamedTuple):
@@ -68,16 +68,14 @@ class KinematicKalman(AbstractVelocityFilter):
         reading_variance: R [rad²]; only V_a/R matters once the start is forgotten.
     """
 
-    acceleration_variance: Scalar = leaf()
-    reading_variance: Scalar = leaf()
+    acceleration_variance: Scalar = eqx.field(converter=as_leaf)
+    reading_variance: Scalar = eqx.field(converter=as_leaf)
 
     def init(self, position: Scalar) -> KalmanState:
         """Start at rest at the first reading, with covariance diag(10, 1)."""
         return _start(position)
 
-    def step(
-        self, state: KalmanState, position: Scalar, dt: Scalar
-    ) -> tuple[KalmanState, tuple[Scalar, Scalar]]:
+    def step(self, state: KalmanState, position: Scalar, dt: Scalar) -> tuple[KalmanState, tuple[Scalar, Scalar]]:
         """Predict over `dt`, correct with the reading."""
         state = _predict_and_correct(state, position, dt, self.acceleration_variance, self.reading_variance)
         return state, (state.position, state.velocity)
@@ -99,20 +97,18 @@ class ModifiedKinematicKalman(AbstractVelocityFilter):
         scaling: "counts" (corrected) or "printed".
     """
 
-    acceleration_variance: Scalar = leaf()
-    slow_variance: Scalar = leaf(default=10.0)
-    fast_variance: Scalar = leaf(default=0.1)
-    sharpness: Scalar = leaf(default=6.0)
-    counts_per_revolution: Scalar = leaf(default=40000.0)
+    acceleration_variance: Scalar = eqx.field(converter=as_leaf)
+    slow_variance: Scalar = eqx.field(converter=as_leaf, default=10.0)
+    fast_variance: Scalar = eqx.field(converter=as_leaf, default=0.1)
+    sharpness: Scalar = eqx.field(converter=as_leaf, default=6.0)
+    counts_per_revolution: Scalar = eqx.field(converter=as_leaf, default=40000.0)
     scaling: Literal["counts", "printed"] = eqx.field(static=True, default="counts")
 
     def init(self, position: Scalar) -> KalmanState:
         """Start at rest at the first reading, with covariance diag(10, 1)."""
         return _start(position)
 
-    def step(
-        self, state: KalmanState, position: Scalar, dt: Scalar
-    ) -> tuple[KalmanState, tuple[Scalar, Scalar]]:
+    def step(self, state: KalmanState, position: Scalar, dt: Scalar) -> tuple[KalmanState, tuple[Scalar, Scalar]]:
         """Predict over `dt`, correct with the reading."""
         count = 2.0 * jnp.pi / self.counts_per_revolution
         speed = jnp.abs(state.velocity)

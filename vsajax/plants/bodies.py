@@ -6,7 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from vsajax import numerics
-from vsajax.types import Scalar, leaf, switch
+from vsajax.types import Scalar, as_leaf, optional_leaf
 
 Value = Float[Array, "..."]
 
@@ -19,8 +19,8 @@ class CoulombFriction(eqx.Module):
         velocity_scale: v_s [rad/s]; friction is τ_c to 1 % beyond 2.6 v_s.
     """
 
-    torque: Scalar = leaf()
-    velocity_scale: Scalar = leaf(default=0.05)
+    torque: Scalar = eqx.field(converter=as_leaf)
+    velocity_scale: Scalar = eqx.field(converter=as_leaf, default=0.05)
 
     def __call__(self, velocity: Value) -> Value:
         """Return the friction torque opposing `velocity` [N·m]."""
@@ -37,9 +37,9 @@ class Link(eqx.Module):
         friction: Coulomb friction of the link bearing, or `None`.
     """
 
-    inertia: Scalar = leaf()
-    damping: Scalar = leaf()
-    gravity: Scalar | None = switch(default=None)
+    inertia: Scalar = eqx.field(converter=as_leaf)
+    damping: Scalar = eqx.field(converter=as_leaf)
+    gravity: Scalar | None = eqx.field(converter=optional_leaf, default=None)
     friction: CoulombFriction | None = None
 
     def load(self, position: Value) -> Value:
@@ -57,9 +57,9 @@ class Motor(eqx.Module):
         friction: Coulomb friction on the motor axis against the joint-side velocity, or `None`.
     """
 
-    inertia: Scalar = leaf()
-    damping: Scalar = leaf()
-    gear_ratio: Scalar = leaf(default=1.0)
+    inertia: Scalar = eqx.field(converter=as_leaf)
+    damping: Scalar = eqx.field(converter=as_leaf)
+    gear_ratio: Scalar = eqx.field(converter=as_leaf, default=1.0)
     friction: CoulombFriction | None = None
 
     def acceleration(self, torque: Value) -> Value:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from vsajax.plants.bodies import Link, Motor
 from vsajax.plants.splitting import Accelerations, MechanicalState
 from vsajax.plants.springs import AbstractSpring
-from vsajax.types import Scalar, leaf
+from vsajax.types import Scalar, as_leaf
 
 
 class Torques(NamedTuple):
@@ -95,7 +95,7 @@ class FlexibleJoint(AbstractJoint):
     link: Link
     motor: Motor
     spring: AbstractSpring
-    start: Scalar = leaf(default=0.0)
+    start: Scalar = eqx.field(converter=as_leaf, default=0.0)
 
     def rest(self) -> MechanicalState:
         """Return the undeflected joint at rest at `start`."""
@@ -158,8 +158,8 @@ class SerialJoint(AbstractJoint):
     motor: Motor
     setpoint_motor: Motor
     spring: AbstractSpring
-    setpoint_start: Scalar = leaf(default=0.0)
-    start: Scalar = leaf(default=0.0)
+    setpoint_start: Scalar = eqx.field(converter=as_leaf, default=0.0)
+    start: Scalar = eqx.field(converter=as_leaf, default=0.0)
 
     def rest(self) -> MechanicalState:
         """Return the undeflected joint at rest at `start` and `setpoint_start`."""
@@ -216,17 +216,20 @@ def _link_deceleration(link: Link, velocity: Scalar) -> Scalar:
 
 
 def _motor_deceleration(motor: Motor, velocity: Scalar) -> Scalar:
-    return (
-        jnp.zeros_like(velocity) if motor.friction is None else motor.acceleration(motor.friction(velocity))
-    )
+    return jnp.zeros_like(velocity) if motor.friction is None else motor.acceleration(motor.friction(velocity))
 
 
 def _observe(spring: AbstractSpring, state: MechanicalState, torques: Torques) -> Motion:
     position, motor_position, setpoint = state.positions
     deflection = position - motor_position
+    link_velocity, motor_velocity, setpoint_velocity = state.velocities
     return Motion(
-        *state.positions,
-        *state.velocities,
+        position,
+        motor_position,
+        setpoint,
+        link_velocity,
+        motor_velocity,
+        setpoint_velocity,
         deflection,
         spring.torque(setpoint, deflection),
         spring.stiffness(setpoint, deflection),
@@ -234,9 +237,7 @@ def _observe(spring: AbstractSpring, state: MechanicalState, torques: Torques) -
     )
 
 
-def _fastest_rate(
-    link: Link, motors: tuple[Motor, ...], stiffness: Float[Array, ...]
-) -> Float[Array, ...]:
+def _fastest_rate(link: Link, motors: tuple[Motor, ...], stiffness: Float[Array, ...]) -> Float[Array, ...]:
     principal = motors[0]
     compliance = 1.0 / link.inertia + 1.0 / (principal.inertia * principal.gear_ratio**2)
     rate = jnp.sqrt(jnp.abs(stiffness) * compliance)

@@ -90,14 +90,9 @@ def splitting_step(
     return MechanicalState(
         tuple(
             x + g * v + w * a
-            for x, v, g, w, a in zip(
-                positions, velocities, response.gains, response.travels, pull, strict=True
-            )
+            for x, v, g, w, a in zip(positions, velocities, response.gains, response.travels, pull, strict=True)
         ),
-        tuple(
-            d * v + g * a
-            for v, d, g, a in zip(velocities, response.decays, response.gains, pull, strict=True)
-        ),
+        tuple(d * v + g * a for v, d, g, a in zip(velocities, response.decays, response.gains, pull, strict=True)),
     )
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from vsajax import numerics
-from vsajax.types import Scalar, leaf
+from vsajax.types import Scalar, as_leaf
 
 Value = Float[Array, "..."]
 
@@ -41,7 +41,7 @@ class LinearSpring(AbstractSpring):
         rate: k [N·m/rad].
     """
 
-    rate: Scalar = leaf()
+    rate: Scalar = eqx.field(converter=as_leaf)
 
     def torque(self, setpoint: Value, deflection: Value) -> Value:
         """Return k φ."""
@@ -64,8 +64,8 @@ class CubicSpring(AbstractSpring):
         cubic: k₃ [N·m/rad³].
     """
 
-    linear: Scalar = leaf()
-    cubic: Scalar = leaf()
+    linear: Scalar = eqx.field(converter=as_leaf)
+    cubic: Scalar = eqx.field(converter=as_leaf)
 
     def torque(self, setpoint: Value, deflection: Value) -> Value:
         """Return k₁ φ + k₃ φ³."""
@@ -87,7 +87,7 @@ class PolynomialSpring(AbstractSpring):
         coefficients: α₀, α₁, … [N·m/rad^(2i+1)].
     """
 
-    coefficients: Float[Array, " terms"] = leaf()
+    coefficients: Float[Array, " terms"] = eqx.field(converter=as_leaf)
 
     def torque(self, setpoint: Value, deflection: Value) -> Value:
         """Return Σ αᵢ φ^(2i+1)."""
@@ -119,9 +119,9 @@ class ExponentialSpring(AbstractSpring):
         side: s, +1 or −1, the direction in which it stiffens.
     """
 
-    torque_scale: Scalar = leaf()
-    exponent: Scalar = leaf()
-    side: Scalar = leaf(default=1.0)
+    torque_scale: Scalar = eqx.field(converter=as_leaf)
+    exponent: Scalar = eqx.field(converter=as_leaf)
+    side: Scalar = eqx.field(converter=as_leaf, default=1.0)
 
     def torque(self, setpoint: Value, deflection: Value) -> Value:
         """Return s k (e^(s a φ) − 1)."""
@@ -148,9 +148,9 @@ class LeverSpring(AbstractSpring):
         pitch: b, lever travel per setpoint angle [m/rad].
     """
 
-    spring_rate: Scalar = leaf()
-    arm: Scalar = leaf()
-    pitch: Scalar = leaf()
+    spring_rate: Scalar = eqx.field(converter=as_leaf)
+    arm: Scalar = eqx.field(converter=as_leaf)
+    pitch: Scalar = eqx.field(converter=as_leaf)
 
     def lever(self, setpoint: Value) -> Value:
         """Return the lever arm r [m]."""

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from vsajax.types import Scalar, Series, as_leaf, leaf
+from vsajax.types import Scalar, Series, as_leaf
 
 Value = Float[Array, "..."]
 
@@ -32,10 +32,10 @@ class Sine(AbstractExcitation):
         offset: [N·m].
     """
 
-    amplitude: Scalar = leaf(default=0.0)
-    frequency: Scalar = leaf(default=0.0)
-    phase: Scalar = leaf(default=0.0)
-    offset: Scalar = leaf(default=0.0)
+    amplitude: Scalar = eqx.field(converter=as_leaf, default=0.0)
+    frequency: Scalar = eqx.field(converter=as_leaf, default=0.0)
+    phase: Scalar = eqx.field(converter=as_leaf, default=0.0)
+    offset: Scalar = eqx.field(converter=as_leaf, default=0.0)
 
     def __call__(self, time: Value) -> Value:
         """Return the torque at `time`."""
@@ -52,10 +52,10 @@ class Multisine(AbstractExcitation):
         offset: [N·m].
     """
 
-    amplitudes: Float[Array, " tones"] = leaf()
-    frequencies: Float[Array, " tones"] = leaf()
-    phases: Float[Array, " tones"] = leaf()
-    offset: Scalar = leaf(default=0.0)
+    amplitudes: Float[Array, " tones"] = eqx.field(converter=as_leaf)
+    frequencies: Float[Array, " tones"] = eqx.field(converter=as_leaf)
+    phases: Float[Array, " tones"] = eqx.field(converter=as_leaf)
+    offset: Scalar = eqx.field(converter=as_leaf, default=0.0)
 
     def __call__(self, time: Value) -> Value:
         """Return the torque at `time`."""
@@ -78,11 +78,11 @@ class Chirp(AbstractExcitation):
         offset: [N·m].
     """
 
-    amplitude: Scalar = leaf()
-    start: Scalar = leaf()
-    stop: Scalar = leaf()
-    duration: Scalar = leaf()
-    offset: Scalar = leaf(default=0.0)
+    amplitude: Scalar = eqx.field(converter=as_leaf)
+    start: Scalar = eqx.field(converter=as_leaf)
+    stop: Scalar = eqx.field(converter=as_leaf)
+    duration: Scalar = eqx.field(converter=as_leaf)
+    offset: Scalar = eqx.field(converter=as_leaf, default=0.0)
 
     def __call__(self, time: Value) -> Value:
         """Return the torque at `time`."""
@@ -105,10 +105,10 @@ class BandLimitedNoise(AbstractExcitation):
         tones: how many; 32 are Gaussian to a few percent.
     """
 
-    std: Scalar = leaf()
-    low: Scalar = leaf()
-    high: Scalar = leaf()
-    offset: Scalar = leaf(default=0.0)
+    std: Scalar = eqx.field(converter=as_leaf)
+    low: Scalar = eqx.field(converter=as_leaf)
+    high: Scalar = eqx.field(converter=as_leaf)
+    offset: Scalar = eqx.field(converter=as_leaf, default=0.0)
     seed: int = eqx.field(static=True, default=0)
     tones: int = eqx.field(static=True, default=32)
 
@@ -134,8 +134,8 @@ class Recorded(AbstractExcitation):
         torque: [N·m].
     """
 
-    time: Series = leaf()
-    torque: Series = leaf()
+    time: Series = eqx.field(converter=as_leaf)
+    torque: Series = eqx.field(converter=as_leaf)
 
     def __call__(self, time: Value) -> Value:
         """Return the torque at `time`."""
@@ -158,6 +158,4 @@ class Excitation(eqx.Module):
     def torques(self, time: Series) -> tuple[Series, Series, Series]:
         """Return the motor, setpoint-motor and external torque at `time` [N·m]."""
         silence = as_leaf(0.0) * time
-        return tuple(
-            silence if e is None else e(time) for e in (self.motor, self.setpoint_motor, self.external)
-        )  # pyright: ignore[reportReturnType]
+        return tuple(silence if e is None else e(time) for e in (self.motor, self.setpoint_motor, self.external))  # pyright: ignore[reportReturnType]

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
-from vsajax.types import Scalar, Series, leaf, switch
+from vsajax.types import Scalar, Series, as_leaf, optional_leaf
 
 Rounding = Literal["nearest", "floor"]
 
@@ -23,8 +23,8 @@ class Encoder(eqx.Module):
         rounding: "nearest", or "floor" as counters that only count edges do.
     """
 
-    counts_per_revolution: Scalar = leaf()
-    offset: Scalar | None = switch(default=None)
+    counts_per_revolution: Scalar = eqx.field(converter=as_leaf)
+    offset: Scalar | None = eqx.field(converter=optional_leaf, default=None)
     rounding: Rounding = eqx.field(static=True, default="nearest")
 
     def __call__(self, position: Series) -> Series:
@@ -48,9 +48,9 @@ class Sensor(eqx.Module):
         encoder: the quantisation, or `None`.
     """
 
-    delay: Scalar | None = switch(default=None)
-    bias: Scalar | None = switch(default=None)
-    noise_std: Scalar | None = switch(default=None)
+    delay: Scalar | None = eqx.field(converter=optional_leaf, default=None)
+    bias: Scalar | None = eqx.field(converter=optional_leaf, default=None)
+    noise_std: Scalar | None = eqx.field(converter=optional_leaf, default=None)
     encoder: Encoder | None = None
 
     def __call__(self, time: Series, signal: Series, *, key: Key[Array, ""]) -> Series:
@@ -76,7 +76,7 @@ class Clock(eqx.Module):
 
     sample_time: float = eqx.field(static=True)
     duration: float = eqx.field(static=True)
-    jitter_std: Scalar | None = switch(default=None)
+    jitter_std: Scalar | None = eqx.field(converter=optional_leaf, default=None)
 
     @property
     def samples(self) -> int:
