@@ -6,7 +6,6 @@ from vsajax.estimators.bases import (
     Legendre,
     Polynomial,
     SeparableOddPolynomial,
-    WithTorqueBias,
 )
 from vsajax.estimators.gate import ExcitationGate
 from vsajax.estimators.rls import (
@@ -55,5 +54,4 @@ __all__ = [
     "SeparableOddPolynomial",
     "StiffnessEstimator",
     "UnitFactor",
-    "WithTorqueBias",
 ]

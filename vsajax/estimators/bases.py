@@ -6,6 +6,7 @@ Letters: F features with τ_e = Fᵀη, ∂F/∂φ their slopes with σ = (∂F/
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -37,19 +38,22 @@ class SeparableOddPolynomial(AbstractBasis):
     """Products of powers of the setpoint and odd powers of the deflection, (18)–(23) of Flacco et al., IROS 2011.
 
     F = (s^j x^(2i+1)) for j < m (outer) and i < n (inner), with x = φ / deflection_scale and
-    s = setpoint_origin + setpoint_scale · θ_c. The RLS prior acts on the coefficients of these features, so the
-    scales decide how fast each of them is learnt: for the AwAS the paper's figures need s = r in millimetres.
+    s = setpoint_origin + setpoint_scale · θ_c in `setpoint_unit`. The RLS prior acts on the coefficients of these
+    features, so units and scales decide how fast each of them is learnt: for the AwAS, the paper's figures need
+    the lever arm s = r₀ + b θ_c in millimetres.
 
     With `deflection_offset` the even powers x^(2i) join: the powers of (φ − φ₀) span the same space for any
     offset φ₀ of the encoders, so an unknown φ₀, and with it a torque bias, is identified by the same linear fit.
 
     Args:
         deflection_scale: [rad].
-        setpoint_origin: value of s at θ_c = 0.
-        setpoint_scale: change of s per radian of θ_c.
+        setpoint_origin: s at θ_c = 0 [rad, or m for a lever arm].
+        setpoint_scale: change of s per radian of θ_c [1, or m/rad].
         deflection_terms: n ≥ 1.
         setpoint_terms: m ≥ 1; with 1 the setpoint is not used.
+        setpoint_unit: of s in the features: "rad", "m" or "mm".
         deflection_offset: whether to identify an offset of the deflection.
+        torque_bias: whether to identify a bias of the torque signal, by the constant feature 1.
     """
 
     deflection_scale: Scalar = eqx.field(converter=as_leaf, default=1.0)
@@ -57,12 +61,15 @@ class SeparableOddPolynomial(AbstractBasis):
     setpoint_scale: Scalar = eqx.field(converter=as_leaf, default=1.0)
     deflection_terms: int = eqx.field(static=True, default=1)
     setpoint_terms: int = eqx.field(static=True, default=1)
+    setpoint_unit: Literal["rad", "m", "mm"] = eqx.field(static=True, default="rad")
     deflection_offset: bool = eqx.field(static=True, default=False)
+    torque_bias: bool = eqx.field(static=True, default=False)
 
     @property
     def size(self) -> int:
-        """Return n m, or 2 n m with an offset."""
-        return self.deflection_terms * self.setpoint_terms * (2 if self.deflection_offset else 1)
+        """Return n m, twice that with an offset, and one more for a bias."""
+        products = self.deflection_terms * self.setpoint_terms
+        return products * (2 if self.deflection_offset else 1) + self._has_constant
 
     @property
     def uses_setpoint(self) -> bool:
@@ -77,8 +84,19 @@ class SeparableOddPolynomial(AbstractBasis):
             exponents += [2 * i for i in range(self.deflection_terms)]
         inner = [powers[e] for e in exponents]
         slopes = [e * powers[max(e - 1, 0)] / self.deflection_scale for e in exponents]
-        outer = _powers(self.setpoint_origin + self.setpoint_scale * setpoint, self.setpoint_terms - 1)
-        return tuple(s * x for s in outer for x in inner), tuple(s * x for s in outer for x in slopes)
+        unit = 1000.0 if self.setpoint_unit == "mm" else 1.0
+        outer = _powers(unit * (self.setpoint_origin + self.setpoint_scale * setpoint), self.setpoint_terms - 1)
+        features = [s * x for s in outer for x in inner]
+        derivatives = [s * x for s in outer for x in slopes]
+        if self._has_constant:
+            features.append(jnp.ones_like(deflection))
+            derivatives.append(jnp.zeros_like(deflection))
+        return tuple(features), tuple(derivatives)
+
+    @property
+    def _has_constant(self) -> bool:
+        # The even powers of an offset start with the constant already.
+        return self.torque_bias and not self.deflection_offset
 
 
 class Polynomial(AbstractBasis):
@@ -145,31 +163,6 @@ class Legendre(AbstractBasis):
             values.append(((2 * n + 1) * x * values[n] - n * values[n - 1]) / (n + 1))
             slopes.append(slopes[n - 1] + (2 * n + 1) * values[n])
         return tuple(values), tuple(stretch * s for s in slopes)
-
-
-class WithTorqueBias(AbstractBasis):
-    """Another basis and the constant 1, whose coefficient is an unknown bias of the torque signal [N·m].
-
-    Args:
-        basis: the basis of the elastic torque; one without a constant of its own.
-    """
-
-    basis: AbstractBasis
-
-    @property
-    def size(self) -> int:
-        """Return the other basis' size + 1."""
-        return self.basis.size + 1
-
-    @property
-    def uses_setpoint(self) -> bool:
-        """Return what the other basis says."""
-        return self.basis.uses_setpoint
-
-    def __call__(self, setpoint: Scalar, deflection: Scalar) -> tuple[Vector, Vector]:
-        """Return the features and their slopes."""
-        features, slopes = self.basis(setpoint, deflection)
-        return (*features, jnp.ones_like(deflection)), (*slopes, jnp.zeros_like(deflection))
 
 
 def _powers(x: Scalar, highest: int) -> list[Scalar]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -28,6 +28,7 @@ class Kinematics(NamedTuple):
     motor_velocity: Scalar
 
 
+@runtime_checkable
 class ElasticLaw(Protocol):
     """Anything that gives an elastic torque, such as the springs of `vsajax.plants`."""
 

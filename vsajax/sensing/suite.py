@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -12,6 +12,7 @@ from vsajax.sensing.sensors import Sensor
 from vsajax.types import Recording, Series
 
 
+@runtime_checkable
 class Measurable(Protocol):
     """A motion whose named signals can be measured."""
 
