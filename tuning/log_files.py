@@ -125,7 +125,7 @@ def read_log_file(path: Path) -> LogFile:
 def _read_table(path: Path) -> pa.Table:
     if path.is_dir():
         raise input_error(path, "is a directory", "name a file in it")
-    suffix = _known_suffix(path)
+    suffix = table_suffix(path)
     if not path.exists():
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1)
         hint = f"did you mean {path.parent / near[0]}?" if near else "check the path"
@@ -135,7 +135,8 @@ def _read_table(path: Path) -> pa.Table:
     return _read_csv(path) if suffix == ".csv" else pa_parquet.ParquetFile(path).read()
 
 
-def _known_suffix(path: Path) -> str:
+def table_suffix(path: Path) -> str:
+    """Return the suffix of a table file, or raise `InputError` where it is neither CSV nor Parquet."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise input_error(path, f"unknown suffix {suffix!r}; known are {', '.join(SUFFIXES)}", "convert it to one")
@@ -199,7 +200,7 @@ def write_table(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     Raises:
         InputError: the suffix is unknown, or the file cannot be written there.
     """
-    suffix = _known_suffix(path)
+    suffix = table_suffix(path)
     table = pa.table({name: np.asarray(values) for name, values in columns.items()})
     # In the same folder, so that the last step is a rename within one file system.
     partial = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.partial")

@@ -25,7 +25,7 @@ from tuning.signal_map import (
     unmet_needs,
 )
 
-__all__ = ["RecordingTable", "read_recording", "write_table"]
+__all__ = ["RecordingTable", "read_recording", "read_series", "write_table"]
 
 _FEWEST_SAMPLES = 3
 _GAP_WORTH_A_NOTE = 5.0
@@ -89,6 +89,21 @@ def read_recording(
     time, kept = _read_clock(log, signal_map.clock, raw["time"], rows, notes)
     columns = _convert({name: values[kept] for name, values in raw.items()}, signal_map, blame, notes)
     return RecordingTable({"time": time, **columns}, signal_map.kind, str(path), tuple(notes))
+
+
+def read_series(path: Path, column: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the `time` column [s] of a CSV or Parquet file, from zero, and another of its columns.
+
+    Raises:
+        InputError: the file cannot be used, lacks a column, or time does not strictly increase.
+    """
+    log = read_log_file(path)
+    absent = [("", name, "") for name in ("time", column) if name not in log.names]
+    if absent:
+        raise InputError(*_missing_columns(log, absent))
+    rows = np.arange(log.table.num_rows)
+    time, _ = _read_clock(log, Clock(column="time", unit="s"), log.numbers("time", rows), rows, [])
+    return time, log.numbers(column, rows).astype(np.float64)
 
 
 def _map_canonical(log: LogFile, kind: Kind | None, notes: list[str]) -> SignalMap:

@@ -72,7 +72,14 @@ def _as_mistake(item: Any, model: type[pydantic.BaseModel], place: str) -> Mista
         fix = f"did you mean {near[0]}?" if near else f"remove it; allowed here: {', '.join(siblings)}"
         return Mistake(where, "unknown key", fix)
     if item["type"] == "missing":
-        return Mistake(where, "is missing", "add it (`vsajax init` writes a complete example)")
+        return Mistake(where, "is missing", "add it; the examples that ship with vsajax have every key")
+    if item["type"] in {"model_type", "dict_type", "model_attributes_type"}:
+        return Mistake(where, f"got {got!r}; needs a table", f"write [{path}] and its keys below it")
+    if item["type"] == "union_tag_invalid":
+        tag, allowed = item["ctx"]["tag"], item["ctx"]["expected_tags"]
+        return Mistake(f"{where}.type", f"got {tag!r}; allowed: {allowed}")
+    if item["type"] == "union_tag_not_found":
+        return Mistake(f"{where}.type", "is missing", "add it; it says which kind of table this is")
     message = item["msg"].removeprefix("Value error, ")
     shown = "" if isinstance(got, dict | list) or item["type"] == "value_error" else f"got {got!r}; "
     return Mistake(where, shown + message[0].lower() + message[1:])
@@ -82,14 +89,13 @@ def _fields_at(keys: list[str], model: type[pydantic.BaseModel]) -> tuple[list[s
     """Walk `keys` through nested models: (the keys without union tags, the field names at the end)."""
     models, clean = [model], []
     for key in keys:
-        owners = [m for m in models if key in m.model_fields]
-        if owners:
-            clean.append(key)
-            models = [n for m in owners for n in _models_in(m.model_fields[key].annotation)]
-        elif any(key in _tags_of(m) for m in models):
-            models = [m for m in models if key in _tags_of(m)]
-        else:
-            clean.append(key)
+        tagged = [m for m in models if key in _tags_of(m)] if len(models) > 1 else []
+        if tagged:
+            models = tagged
+            continue
+        clean.append(key)
+        annotations = [m.model_fields[key].annotation for m in models if key in m.model_fields]
+        models = [n for annotation in annotations for n in _models_in(annotation)] or models
     return clean, sorted({name for m in models for name in m.model_fields})
 
 
@@ -110,7 +116,6 @@ def _models_in(annotation: Any) -> list[type[pydantic.BaseModel]]:
 
 
 def _tags_of(model: type[pydantic.BaseModel]) -> set[str]:
-    tags = {model.__name__}
-    for field in model.model_fields.values():
-        tags |= {a for a in getattr(field.annotation, "__args__", ()) if isinstance(a, str)}
-    return tags
+    """Return the values of the field that tells the members of a union apart."""
+    tag = model.model_fields.get("type")
+    return set(getattr(tag.annotation, "__args__", ())) if tag else set()

@@ -26,7 +26,10 @@ def _each(*names: str) -> tuple[Need, ...]:
 
 
 _NEEDS: dict[Kind, tuple[Need, ...]] = {
-    "serial": _each("link_position", "motor_position", "setpoint_position", "motor_torque"),
+    "serial": (
+        *_each("link_position", "motor_position", "setpoint_position"),
+        (("motor_torque",), ("elastic_torque",)),
+    ),
     "antagonistic": _each("link_position", "motor1_position", "motor2_position", "motor1_torque", "motor2_torque"),
     "sea": (
         (("deflection",), ("link_position", "motor_position")),
@@ -34,7 +37,7 @@ _NEEDS: dict[Kind, tuple[Need, ...]] = {
     ),
 }
 _EXTRAS: dict[Kind, tuple[str, ...]] = {
-    "serial": ("elastic_torque", "deflection"),
+    "serial": ("deflection",),
     "antagonistic": (),
     "sea": (),
 }

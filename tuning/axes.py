@@ -1,0 +1,101 @@
+"""Ranges of one number: the points of a grid, and the bounds of a search."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
+
+from tuning.errors import input_error
+from tuning.schema import Table
+
+Scale = Literal["linear", "log"]
+_RANGE = re.compile(r"^(log|lin|linear)\(([^,]+),([^,]+),([^,]+)\)$")
+
+
+class Bounds(Table):
+    """The interval in which a number is searched."""
+
+    low: float
+    high: float
+    scale: Scale = "log"
+    points: Annotated[int, Field(ge=2)] = 5
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.low < self.high:
+            raise ValueError(f"low must be below high; got {self.low} and {self.high}")
+        if self.scale == "log" and self.low <= 0:
+            raise ValueError(f"a log range must be positive; got low = {self.low} (or use scale = 'linear')")
+        return self
+
+    def ends(self) -> tuple[float, float]:
+        """Return both ends."""
+        return self.low, self.high
+
+    def grid(self) -> list[float]:
+        """Return `points` values from low to high, evenly spaced on the scale."""
+        space = np.geomspace if self.scale == "log" else np.linspace
+        return [float(x) for x in space(self.low, self.high, self.points)]
+
+
+class Axis(Table):
+    """One axis of a grid: either a list of values, or a range."""
+
+    values: list[float] | None = None
+    low: float | None = None
+    high: float | None = None
+    points: Annotated[int, Field(ge=1)] | None = None
+    scale: Scale = "log"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_list(cls, data: Any) -> Any:
+        return {"values": data} if isinstance(data, list) else data
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        span = (self.low, self.high, self.points)
+        if (self.values is None) == any(x is None for x in span):
+            raise ValueError("needs either a list of values, or low, high and points")
+        if self.values is not None and (not self.values or len(set(self.values)) < len(self.values)):
+            raise ValueError("needs at least one value, and each only once")
+        if self.low is not None and self.high is not None and self.points != 1 and not self.low < self.high:
+            raise ValueError(f"low must be below high; got {self.low} and {self.high}")
+        if self.scale == "log" and self.low is not None and self.low <= 0:
+            raise ValueError(f"a log range must be positive; got low = {self.low} (or use scale = 'linear')")
+        return self
+
+    def grid(self) -> list[float]:
+        """Return the values."""
+        if self.values is not None:
+            return self.values
+        space = np.geomspace if self.scale == "log" else np.linspace
+        return [float(x) for x in space(self.low or 0.0, self.high or 0.0, self.points or 1)]
+
+    def ends(self) -> tuple[float, float]:
+        """Return the smallest and the largest value."""
+        return min(self.grid()), max(self.grid())
+
+
+def parse_axis(text: str) -> tuple[str, Axis]:
+    """Return the path and axis of a command-line grid, `a.b=log(lo,hi,n)`, `lin(lo,hi,n)` or `v1,v2,…`.
+
+    Raises:
+        InputError: the text is neither.
+    """
+    path, separator, values = (part.strip() for part in text.partition("="))
+    fix = "e.g. --grid estimator.torque.observer_gain=log(10,1000,8), lin(0,1,5) or 1,2,5"
+    if not separator or not path:
+        raise input_error(f"--grid {text}", "is not of the form a.b=values", fix)
+    match = _RANGE.match(values.replace(" ", ""))
+    try:
+        if match:
+            scale: Scale = "log" if match[1] == "log" else "linear"
+            return path, Axis(low=float(match[2]), high=float(match[3]), points=int(match[4]), scale=scale)
+        return path, Axis(values=[float(value) for value in values.split(",")])
+    except ValueError as error:
+        reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+        raise input_error(f"--grid {text}", reason.removeprefix("Value error, "), fix) from None

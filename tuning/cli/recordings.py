@@ -1,0 +1,109 @@
+"""Making recordings and running an estimator over them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from tuning.cli.options import JSON, QUIET, SEED, SETTINGS, STUDY, emit, output_file, with_seed
+
+
+@click.command(epilog="Example: vsajax simulate study.toml -o rec.parquet")
+@STUDY
+@output_file("recording.parquet")
+@click.option("--scenario", type=click.IntRange(min=0), default=0, show_default=True, help="Noise draw.")
+@SETTINGS
+@SEED
+@JSON
+@QUIET
+def simulate(
+    study: Path,
+    output: Path,
+    scenario: int,
+    settings: tuple[str, ...],
+    seed: int | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Simulate one recording of STUDY, with truth columns, and draw it beside the file."""
+    from tuning.log_files import table_suffix
+    from tuning.study import load_study
+
+    loaded = load_study(study, with_seed(settings, seed))
+    table_suffix(output)
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.figures import draw_recording, save
+    from tuning.log_files import write_table
+    from tuning.single import simulate_recording
+
+    columns, substeps = simulate_recording(loaded, scenario)
+    write_table(output, columns)
+    picture = save(draw_recording(columns, title=loaded.name), output.with_suffix(".png"))
+    emit(
+        {"recording": output, "picture": picture, "samples": len(columns["time"]), "substeps": substeps},
+        as_json=as_json,
+        quiet=quiet,
+        text=f"wrote {output} ({len(columns['time'])} samples, {substeps} integration steps each) and {picture}",
+    )
+
+
+@click.command(epilog="Example: vsajax estimate log.csv -c best.toml --map signals.toml -o estimate.parquet")
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("-c", "--config", type=click.Path(path_type=Path), required=True, help="Study or tuned config.")
+@click.option("--map", "map_path", type=click.Path(path_type=Path), help="Signal map of a foreign log.")
+@click.option(
+    "--select", multiple=True, metavar="COLUMN=V", help="Keep only the rows with this value; repeatable."
+)
+@output_file("estimate.parquet")
+@SETTINGS
+@JSON
+@QUIET
+def estimate(
+    recording: Path,
+    config: Path,
+    map_path: Path | None,
+    select: tuple[str, ...],
+    output: Path,
+    settings: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Run the configured estimator over RECORDING (CSV or Parquet) and draw the answer beside the file.
+
+    Where the recording has a column true_stiffness, the answer is scored against it.
+    """
+    from tuning.errors import input_error
+    from tuning.log_files import table_suffix
+    from tuning.logs import read_recording
+    from tuning.study import load_config
+
+    chosen = {}
+    for choice in select:
+        column, separator, value = choice.partition("=")
+        if not separator:
+            raise input_error(f"--select {choice}", "is not of the form COLUMN=VALUE")
+        chosen[column] = value
+    loaded = load_config(config, settings)
+    table_suffix(output)
+    table = read_recording(recording, map_path, kind=loaded.kind, select=chosen or None)
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.figures import draw_estimate, save
+    from tuning.log_files import write_table
+    from tuning.single import estimate_recording
+
+    answer = estimate_recording(loaded, table)
+    write_table(output, answer.columns)
+    picture = save(draw_estimate(answer, table, title=Path(table.source).name), output.with_suffix(".png"))
+    emit(
+        {"estimate": output, "picture": picture, "notes": list(table.notes), **answer.summary},
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: "\n".join(
+            [*(f"note: {note}" for note in table.notes), *answer.sentences, f"wrote {output} and {picture}"]
+        ),
+    )

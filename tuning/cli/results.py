@@ -1,0 +1,75 @@
+"""Reproducing the papers and exporting tuned configurations."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from tuning.cli.options import JSON, QUIET, emit, table
+
+
+@click.command(epilog="Example: vsajax reproduce serial -o runs/serial")
+@click.argument("paper", type=click.Choice(["serial", "all"]))
+@click.option("-o", "--output", "folder", type=click.Path(path_type=Path), help="Folder for figures and rows.")
+@JSON
+@QUIET
+def reproduce(paper: str, folder: Path | None, as_json: bool, quiet: bool) -> None:
+    """Reproduce a paper's tables and figures, printed beside ours; exit 1 where a row does not hold."""
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from dataclasses import asdict
+
+    from tuning.reproduce import reproduce_paper
+
+    reports = reproduce_paper(paper, folder)
+    ok = all(report.ok for report in reports)
+    rows = [asdict(row) for report in reports for row in report.rows]
+
+    def text() -> str:
+        lines = []
+        for report in reports:
+            lines.append(report.title)
+            shown = [
+                [
+                    row.name,
+                    "–" if row.printed is None else row.printed,
+                    row.measured,
+                    row.unit,
+                    f"{row.low:.4g} … {row.high:.4g}",
+                    "ok" if row.ok else "NOT MET",
+                ]
+                for row in report.rows
+            ]
+            lines.append(table(["row", "printed", "measured", "unit", "allowed", ""], shown))
+            lines += [f"  {row.name}: {row.note}" for row in report.rows if row.note]
+            lines += [f"wrote {path}" for path in report.figures]
+        return "\n".join(lines)
+
+    result = {"study": paper, "ok": ok, "rows": rows, "figures": [str(f) for r in reports for f in r.figures]}
+    emit(result, as_json=as_json, quiet=quiet, text=text)
+    if not ok:
+        sys.exit(1)
+
+
+@click.command(epilog="Example: vsajax export runs/t/best.toml --to json -o deploy")
+@click.argument("config", type=click.Path(path_type=Path))
+@click.option("--to", "target", type=click.Choice(["toml", "json"]), required=True, help="Format.")
+@click.option("-o", "--output", "folder", type=click.Path(path_type=Path), required=True, help="Folder.")
+@JSON
+@QUIET
+def export(config: Path, target: str, folder: Path, as_json: bool, quiet: bool) -> None:
+    """Export a tuned CONFIG with a manifest, read back and checked."""
+    from tuning.exports import export_config
+
+    exported = export_config(config, target, folder)
+    emit(
+        {"ok": exported.ok, "files": [str(path) for path in exported.files], "check": exported.check},
+        as_json=as_json,
+        quiet=quiet,
+        text="\n".join([*(f"wrote {path}" for path in exported.files), f"check: {exported.check}"]),
+    )
+    if not exported.ok:
+        sys.exit(1)

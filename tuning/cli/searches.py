@@ -1,0 +1,197 @@
+"""Sweeping a grid and tuning."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tuning.cli.options import (
+    JSON,
+    QUIET,
+    RESUME,
+    RUN,
+    SEED,
+    SETTINGS,
+    STUDY,
+    emit,
+    table,
+    with_seed,
+)
+
+
+@click.command(epilog="Example: vsajax sweep study.toml -o runs/s --grid estimator.fit.prior_scale=log(1e-3,10,8)")
+@STUDY
+@RUN
+@click.option(
+    "--grid",
+    "grids",
+    multiple=True,
+    metavar="A.B=AXIS",
+    help="log(lo,hi,n), lin(lo,hi,n) or v1,v2; replaces the study's grid.",
+)
+@click.option("--scenarios", type=click.IntRange(min=1), help="Noise draws per configuration.")
+@click.option(
+    "--dry-run", is_flag=True, help="Time one chunk; print points, chunks, memory and time; write nothing."
+)
+@SETTINGS
+@SEED
+@RESUME
+@JSON
+@QUIET
+def sweep(
+    study: Path,
+    folder: Path,
+    grids: tuple[str, ...],
+    scenarios: int | None,
+    dry_run: bool,
+    settings: tuple[str, ...],
+    seed: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Score every point of a grid over numbers of STUDY, on the same noise draws."""
+    from tuning.study import load_study, with_grid
+
+    loaded = load_study(study, with_seed(settings, seed))
+    loaded = with_grid(loaded, grids, scenarios)
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.figures import draw_sweep, save
+    from tuning.sweep import plan_sweep, rank
+
+    planned = plan_sweep(loaded, str(study))
+    if dry_run:
+        _print_forecast(planned.forecast(), as_json=as_json, quiet=quiet)
+        return
+    store = planned.open(folder, resume=resume)
+    results = planned.run(store, quiet=quiet)
+    rows = rank(results, list(planned.axes))
+    picture = save(draw_sweep(rows, planned.axes), folder / "figures" / "sweep.png")
+    emit(
+        {"run": folder, "results": folder / "results.parquet", "picture": picture, "best": rows[:10]},
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: "\n".join(
+            [
+                f"{planned.grid.configurations} configurations × {planned.scenarios} scenarios; MSREP [%], best five:",
+                table(list(rows[0]), [list(row.values()) for row in rows[:5]]),
+                f"wrote {folder / 'results.parquet'} and {picture}",
+            ]
+        ),
+    )
+
+
+def _print_forecast(forecast: Any, *, as_json: bool, quiet: bool) -> None:
+    from dataclasses import asdict
+
+    emit(
+        asdict(forecast),
+        as_json=as_json,
+        quiet=quiet,
+        text=f"{forecast.configurations} configurations × {forecast.scenarios} scenarios in {forecast.chunks} chunks\n"
+        f"memory {forecast.memory / 2**30:.2f} GiB, compile {forecast.compile_time:.1f} s, "
+        f"run {forecast.run_time:.1f} s (from one timed chunk; nothing written)",
+    )
+
+
+@click.command(epilog="Example: vsajax tune study.toml -o runs/t --method gradient")
+@STUDY
+@RUN
+@click.option(
+    "--method",
+    type=click.Choice(["gradient", "grid", "hybrid"]),
+    default="gradient",
+    show_default=True,
+    help="How.",
+)
+@click.option(
+    "--algorithm",
+    type=click.Choice(["levenberg-marquardt", "bfgs"]),
+    default="levenberg-marquardt",
+    show_default=True,
+    help="Of the gradient.",
+)
+@click.option(
+    "--starts", type=click.IntRange(min=1), help="Starts of the gradient; the first is the study itself."
+)
+@click.option("--budget", type=click.IntRange(min=0), help="Points screened before the gradient starts.")
+@SETTINGS
+@SEED
+@RESUME
+@JSON
+@QUIET
+def tune(
+    study: Path,
+    folder: Path,
+    method: Any,
+    algorithm: Any,
+    starts: int | None,
+    budget: int | None,
+    settings: tuple[str, ...],
+    seed: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Find the best numbers of STUDY; write RUN/best.toml with its scores on held-out noise."""
+    from tuning.study import load_study
+
+    own = [*settings]
+    own += [] if starts is None else [f"tune.starts={starts}"]
+    own += [] if budget is None else [f"tune.screen={budget}"]
+    loaded = load_study(study, with_seed(own, seed))
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from dataclasses import asdict
+
+    from tuning.figures import draw_tuning, save
+    from tuning.tune import plan_search
+    from tuning.tune import tune as run_tuning
+
+    search = plan_search(loaded, method, algorithm, str(study))
+    tuned = run_tuning(search, folder, resume=resume, quiet=quiet)
+    picture = save(
+        draw_tuning(tuned.before.msrep, tuned.held_out.msrep, labels=("before", "tuned")),
+        folder / "figures" / "tuning.png",
+    )
+    result = {
+        "run": folder,
+        "best": folder / "best.toml",
+        "picture": picture,
+        "values": tuned.values,
+        "starts": [asdict(outcome) for outcome in tuned.outcomes],
+        "train": tuned.train.summary(),
+        "held_out": tuned.held_out.summary(),
+        "before_on_held_out": tuned.before.summary(),
+    }
+
+    def text() -> str:
+        lines = [
+            table(
+                [
+                    "start",
+                    *(p.removeprefix("estimator.") for p in search.space.paths),
+                    "train MSREP %",
+                    "steps",
+                    "ended",
+                ],
+                [[i, *o.values.values(), o.objective, o.steps, o.message] for i, o in enumerate(tuned.outcomes)],
+            )
+        ]
+        lines += [
+            f"{name:<28} {j.mean:.4f} %  [{j.low:.4f}, {j.high:.4f}]  median {j.median:.4f} %  "
+            f"settled {j.settled_mean:.2g} %  converged in {j.convergence_time:.3f} s"
+            for name, j in (
+                (f"before, {tuned.before.scenarios} held out:", tuned.before),
+                (f"tuned, {tuned.train.scenarios} training:", tuned.train),
+                (f"tuned, {tuned.held_out.scenarios} held out:", tuned.held_out),
+            )
+        ]
+        return "\n".join([*lines, f"wrote {folder / 'best.toml'} and {picture}"])
+
+    emit(result, as_json=as_json, quiet=quiet, text=text)

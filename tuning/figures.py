@@ -1,0 +1,194 @@
+"""Pictures, all in one style; every function returns a figure, and `save` writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tuning.logs import RecordingTable
+from tuning.single import Answer
+
+TRUTH, ESTIMATE, OTHER, QUIET = "#222222", "#0072b2", "#d55e00", "#bbbbbb"
+_STYLE = {
+    "font.size": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "savefig.dpi": 130,
+}
+_LABELS = {
+    "link_position": "link\nposition [rad]",
+    "motor_position": "motor\nposition [rad]",
+    "setpoint_position": "set-point\nposition [rad]",
+    "motor_torque": "motor\ntorque [N·m]",
+    "elastic_torque": "elastic\ntorque [N·m]",
+    "deflection": "deflection\n[mrad]",
+    "true_stiffness": "true stiffness\n[N·m/rad]",
+}
+
+
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Return a figure of `rows` × `columns` axes in the house style, size in inches."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        axes = figure.subplots(rows, columns, **options)
+    return figure, axes
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure and return its path."""
+    from tuning.errors import input_error
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with mpl.rc_context(_STYLE):
+            figure.savefig(path)
+    except OSError as error:
+        raise input_error(path, f"cannot be written ({error.strerror})", "check the folder and the disk") from None
+    return path
+
+
+def draw_recording(columns: Mapping[str, np.ndarray], *, title: str) -> Figure:
+    """Draw every signal of a recording over time."""
+    shown = {}
+    if {"link_position", "motor_position"} <= columns.keys():
+        shown["deflection"] = 1e3 * (columns["link_position"] - columns["motor_position"])
+    elif "deflection" in columns:
+        shown["deflection"] = 1e3 * columns["deflection"]
+    shown |= {name: columns[name] for name in _LABELS if name in columns and name not in shown}
+    figure, axes = new_figure(8, 1.15 * len(shown) + 0.6, len(shown), squeeze=False, sharex=True)
+    for axis, (name, values) in zip(axes[:, 0], shown.items(), strict=True):
+        colour = TRUTH if name.startswith("true") else ESTIMATE
+        axis.plot(columns["time"], values, color=colour, linewidth=0.8)
+        axis.set_ylabel(_LABELS[name], fontsize=8)
+    figure.align_ylabels()
+    axes[-1, 0].set_xlabel("time [s]")
+    figure.suptitle(f"Recording: {title}")
+    return figure
+
+
+def draw_estimate(answer: Answer, table: RecordingTable, *, title: str) -> Figure:
+    """Draw an estimate over time: stiffness with its 95 % band, grey where not known; torque and deflection."""
+    columns, time = answer.columns, answer.columns["time"]
+    figure, axes = new_figure(8, 6.2, 3, sharex=True, height_ratios=(2, 1, 1))
+    _draw_stiffness(axes[0], columns, table.columns.get("true_stiffness"))
+    axes[1].plot(time, columns["torque"], color=QUIET, linewidth=0.7, label="into the fit")
+    axes[1].plot(time, columns["elastic_torque"], color=ESTIMATE, label="fitted")
+    if "true_elastic_torque" in table.columns:
+        axes[1].plot(time, table.columns["true_elastic_torque"], "--", color=TRUTH, label="true")
+    axes[1].set_ylabel("elastic torque\n[N·m]")
+    axes[1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+    axes[2].plot(time, 1e3 * columns["deflection"], color=OTHER, linewidth=0.8)
+    axes[2].set_ylabel("deflection\n[mrad]")
+    axes[2].set_xlabel("time [s]")
+    figure.align_ylabels()
+    figure.suptitle(f"Stiffness estimate: {title}")
+    return figure
+
+
+def _draw_stiffness(axis: Axes, columns: Mapping[str, np.ndarray], truth: np.ndarray | None) -> None:
+    time, stiffness, known = columns["time"], columns["stiffness"], columns["known"]
+    band = 1.96 * columns["stiffness_std"]
+    shown = np.where(known, stiffness, np.nan)
+    axis.fill_between(time, shown - band, shown + band, color=ESTIMATE, alpha=0.25, linewidth=0, label="95 % band")
+    axis.plot(time, shown, color=ESTIMATE, label="estimate")
+    pieces = [shown[known]] if known.any() else [stiffness[np.isfinite(stiffness)]]
+    if truth is not None:
+        axis.plot(time, truth, "--", color=TRUTH, label="true")
+        pieces.append(truth)
+    together = np.concatenate(pieces)
+    if together.size:
+        # The start-up transient may be orders of magnitude away; the view holds the bulk of what is known.
+        low, high = np.quantile(together, [0.005, 0.995])
+        room = 0.12 * (high - low) + 0.02 * max(abs(low), abs(high))
+        axis.set_ylim(low - room, high + room)
+    axis.fill_between(
+        time,
+        0,
+        1,
+        where=~known,
+        transform=axis.get_xaxis_transform(),
+        color="#eeeeee",
+        step="mid",
+        label="not known",
+    )
+    axis.set_ylabel("stiffness\n[N·m/rad]")
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+
+
+def draw_sweep(rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Sequence[float]]) -> Figure:
+    """Draw the mean MSREP over every pair of axes, minimised over the others; over one axis, as a curve."""
+    paths = list(axes_values)
+    shape = [len(axes_values[path]) for path in paths]
+    means = np.full(int(np.prod(shape)), np.nan)
+    for row in rows:
+        means[int(row["configuration"])] = row["mean"]
+    cube = means.reshape(shape)
+    wide = [i for i, size in enumerate(shape) if size > 1]
+    if len(wide) < 2:
+        return _draw_curve(cube, paths, axes_values, wide)
+    pairs = [(a, b) for n, a in enumerate(wide) for b in wide[n + 1 :]]
+    figure, axes = new_figure(4.3 * len(pairs), 3.7, 1, len(pairs), squeeze=False)
+    finite = cube[np.isfinite(cube)]
+    norm = mpl.colors.LogNorm(finite.min(), max(np.quantile(finite, 0.95), 1.001 * finite.min()))
+    image = None
+    for axis, (a, b) in zip(axes[0], pairs, strict=True):
+        others = tuple(i for i in range(len(paths)) if i not in (a, b))
+        plane = np.nanmin(cube, axis=others) if others else cube
+        x, y = axes_values[paths[b]], axes_values[paths[a]]
+        image = axis.pcolormesh(np.arange(len(x) + 1), np.arange(len(y) + 1), plane, norm=norm, cmap="viridis_r")
+        best = np.unravel_index(np.nanargmin(plane), plane.shape)
+        axis.plot(best[1] + 0.5, best[0] + 0.5, "*", color="white", markersize=11, markeredgecolor="black")
+        axis.set_xticks(np.arange(len(x)) + 0.5, [f"{value:.2g}" for value in x], rotation=60, fontsize=8)
+        axis.set_yticks(np.arange(len(y)) + 0.5, [f"{value:.2g}" for value in y], fontsize=8)
+        axis.set_xlabel(paths[b])
+        axis.set_ylabel(paths[a])
+        axis.grid(visible=False)
+    bar = figure.colorbar(image, ax=axes[0].tolist(), extend="max")
+    bar.set_label("mean MSREP [%], best over other axes")
+    figure.suptitle("Sweep: star marks the best configuration")
+    return figure
+
+
+def _draw_curve(
+    cube: np.ndarray, paths: Sequence[str], values: Mapping[str, Sequence[float]], wide: Sequence[int]
+) -> Figure:
+    path = paths[wide[0] if wide else 0]
+    figure, axis = new_figure(5.5, 3.6)
+    axis.plot(values[path], cube.reshape(-1), "o-", color=ESTIMATE)
+    if min(values[path]) > 0:
+        axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_xlabel(path)
+    axis.set_ylabel("mean MSREP [%]")
+    figure.suptitle("Sweep")
+    return figure
+
+
+def draw_tuning(before: np.ndarray, after: np.ndarray, *, labels: tuple[str, str]) -> Figure:
+    """Draw the distributions of held-out MSREP before and after tuning, scenario by scenario."""
+    figure, axis = new_figure(6.4, 3.6)
+    for values, colour, label in ((before, OTHER, labels[0]), (after, ESTIMATE, labels[1])):
+        finite = np.sort(values[np.isfinite(values)])
+        share = (np.arange(finite.size) + 1) / finite.size
+        axis.step(finite, 100 * share, where="post", color=colour, label=f"{label}: mean {finite.mean():.3g} %")
+        axis.axvline(finite.mean(), color=colour, linestyle=":", linewidth=1)
+    axis.set_xscale("log")
+    axis.xaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%g"))
+    axis.xaxis.set_minor_formatter(mpl.ticker.FormatStrFormatter("%g"))
+    axis.tick_params(axis="x", which="minor", labelsize=7)
+    axis.set_xlabel("MSREP [%]")
+    axis.set_ylabel("share of held-out\nscenarios below [%]")
+    axis.legend(loc="lower right")
+    figure.suptitle("Tuning, judged on noise that it never saw")
+    return figure

@@ -1,0 +1,150 @@
+"""Scores on a grid of values × scenarios, with everything that axes share computed once.
+
+Axes that only touch the torque signal (K_I, torque noise) leave regressors and covariance untouched, so they
+are nested `vmap`s of their own inside every lane: the covariance recursion runs once for all of them. The
+remaining axes make the lanes, which `rollout.map_lanes` spreads over chunks and cores.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from tuning.problem import Problem, Stream, scenario_keys
+from vsajax import Scores, rollout
+
+_TORQUE_ONLY = ("estimator.torque.", "sensing.motor_torque.", "sensing.elastic_torque.")
+_WIDTH = 256
+"""Lanes times inner points evaluated at a time on a device; wider falls out of the cache."""
+
+
+def is_torque_only(path: str) -> bool:
+    """Return whether a number touches the torque signal alone, never the regressors."""
+    return path.startswith(_TORQUE_ONLY)
+
+
+def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
+    """Return the jitted (lanes, (inner values, shared motion)) -> scores `(lane, *inner axes, scenario)`.
+
+    A lane is the values of the `outer` paths and its scenarios' keys; `inner` paths, which must be torque-only,
+    are nested inside it. `width` is the number of evaluations in a lane.
+    """
+
+    def point(lane: tuple[jax.Array, jax.Array], common: tuple[tuple[jax.Array, ...], Any]) -> Scores:
+        values, keys = lane
+        inner_values, shared = common
+        fixed = {path: values[i] for i, path in enumerate(outer)}
+
+        def score(chosen: tuple[jax.Array, ...], key: jax.Array) -> Scores:
+            return problem.scores(fixed | dict(zip(inner, chosen, strict=True)), key, shared)
+
+        run = jax.vmap(score, in_axes=(None, 0))
+        for axis in reversed(range(len(inner))):
+            chosen_axes = tuple(0 if i == axis else None for i in range(len(inner)))
+            run = jax.vmap(run, in_axes=(chosen_axes, None))
+        return run(inner_values, keys)
+
+    return jax.jit(partial(rollout.map_lanes, point, chunk=max(1, _WIDTH // width)))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Every combination of some axes, each on the same scenarios.
+
+    Args:
+        problem: what is evaluated.
+        axes: values by dotted path; configurations are numbered with the last axis running fastest.
+        scenarios: noise draws per configuration.
+        stream: where they are drawn from.
+    """
+
+    problem: Problem
+    axes: Mapping[str, Sequence[float]]
+    scenarios: int
+    stream: Stream = "train"
+
+    @cached_property
+    def inner(self) -> tuple[str, ...]:
+        """Axes that share the covariance."""
+        return tuple(path for path in self.axes if is_torque_only(path))
+
+    @cached_property
+    def outer(self) -> tuple[str, ...]:
+        """Axes that make the lanes."""
+        return tuple(path for path in self.axes if not is_torque_only(path))
+
+    @property
+    def configurations(self) -> int:
+        """Number of points of the grid."""
+        return math.prod(len(values) for values in self.axes.values())
+
+    @cached_property
+    def outer_points(self) -> np.ndarray:
+        """`(point, axis)` values of the outer axes; one empty point where there is none."""
+        return np.array(list(itertools.product(*(self.axes[path] for path in self.outer))), dtype=float)
+
+    @property
+    def inner_size(self) -> int:
+        """Points that share one covariance: inner configurations times scenarios."""
+        return math.prod(len(self.axes[path]) for path in self.inner) * self.scenarios
+
+    @cached_property
+    def configuration_of(self) -> np.ndarray:
+        """`(outer point, inner point)` numbers of the configurations."""
+        shape = [len(values) for values in self.axes.values()]
+        numbers = np.arange(self.configurations).reshape(shape)
+        order = [list(self.axes).index(path) for path in (*self.outer, *self.inner)]
+        return np.transpose(numbers, order).reshape(len(self.outer_points), -1)
+
+    def values_of(self, configuration: int) -> dict[str, float]:
+        """Return a configuration's values by path."""
+        shape = [len(values) for values in self.axes.values()]
+        index = np.unravel_index(configuration, shape)
+        return {path: values[int(i)] for (path, values), i in zip(self.axes.items(), index, strict=True)}
+
+    @cached_property
+    def _split(self) -> int:
+        """Into how many lanes the scenarios are cut, so that a single outer point still uses every core."""
+        cores = len(jax.local_devices())
+        is_narrow = len(self.outer_points) < cores
+        return cores if is_narrow and self.scenarios % cores == 0 else 1
+
+    @cached_property
+    def program(self) -> Any:
+        """The compiled (lanes, (inner values, shared motion)) -> scores `(lane, *inner axes, scenario)`."""
+        return lane_program(self.problem, self.outer, self.inner, width=self.inner_size // self._split)
+
+    def arguments(self, points: np.ndarray) -> tuple[Any, Any]:
+        """Return the program's arguments for some outer points."""
+        keys = scenario_keys(self.problem.study, self.stream, self.scenarios)
+        blocks = keys.reshape(self._split, -1)
+        lanes = (
+            jnp.repeat(jnp.asarray(points), self._split, axis=0),
+            jnp.tile(blocks, (len(points), 1)),
+        )
+        inner = tuple(jnp.asarray(self.axes[path], float) for path in self.inner)
+        return lanes, (inner, self.problem.shared_truth)
+
+    def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """Return each score at some outer points, `(point, inner point, scenario)`."""
+        lanes, common = self.arguments(points)
+        scores: Scores = self.program(lanes, common)
+
+        def arrange(score: jax.Array) -> np.ndarray:
+            split = np.asarray(score).reshape(len(points), self._split, -1, self.scenarios // self._split)
+            return np.moveaxis(split, 1, 2).reshape(len(points), -1, self.scenarios)
+
+        return {name: arrange(value) for name, value in scores._asdict().items()}
+
+    def memory(self, points: int) -> int:
+        """Return the bytes that a compiled evaluation of some outer points needs."""
+        analysis = self.program.lower(*self.arguments(self.outer_points[:points])).compile().memory_analysis()
+        return analysis.temp_size_in_bytes + analysis.argument_size_in_bytes + analysis.output_size_in_bytes

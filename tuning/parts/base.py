@@ -1,0 +1,28 @@
+"""The tables of a study that describe modules of vsajax, field by field under the same names.
+
+A number's path in the file, e.g. ``estimator.torque.observer_gain``, is its path in the built module; `build`
+needs no code per class. Units are SI throughout.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field
+
+from tuning.schema import Table
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+AtLeastOne = Annotated[int, Field(ge=1)]
+Fraction = Annotated[float, Field(gt=0, le=1)]
+
+
+class Part(Table):
+    """A table that becomes the vsajax class named by `target`, with its fields as arguments."""
+
+    target: ClassVar[str]
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the constructor's arguments: every field but the tag `type`."""
+        return {name: getattr(self, name) for name in type(self).model_fields if name != "type"}

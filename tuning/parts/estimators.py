@@ -1,0 +1,178 @@
+"""Estimators and their parts."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from tuning.parts.base import AtLeastOne, Fraction, NonNegative, Part, Positive
+from tuning.parts.springs import Spring
+
+
+class SensorTorque(Part):
+    """The elastic torque is read from a joint torque sensor."""
+
+    target = "estimators.SensorTorque"
+    type: Literal["sensor"]
+
+
+class ModelTorque(Part):
+    """The elastic torque is that of a nominal law."""
+
+    target = "estimators.ModelTorque"
+    type: Literal["model"]
+    law: Spring
+
+
+class ResidualTorque(Part):
+    """The elastic torque is observed from the motor's momentum."""
+
+    target = "estimators.ResidualTorque"
+    type: Literal["residual"]
+    observer_gain: Positive
+    motor_inertia: Positive
+    motor_damping: NonNegative
+    gear_ratio: Annotated[float, Field(ge=1)] = 1.0
+    friction_torque: NonNegative | None = None
+    friction_velocity: Positive = 0.05
+
+
+class FiniteDifference(Part):
+    """Velocity by differencing."""
+
+    target = "estimators.FiniteDifference"
+    type: Literal["difference"]
+
+
+class KinematicKalman(Part):
+    """Kinematic Kalman filter with a constant reading variance."""
+
+    target = "estimators.KinematicKalman"
+    type: Literal["kalman"]
+    acceleration_variance: Positive
+    reading_variance: Positive
+
+
+class ModifiedKinematicKalman(Part):
+    """Kinematic Kalman filter whose reading variance falls with speed."""
+
+    target = "estimators.ModifiedKinematicKalman"
+    type: Literal["mkkf"]
+    acceleration_variance: Positive
+    slow_variance: Positive = 10.0
+    fast_variance: Positive = 0.1
+    sharpness: Positive = 6.0
+    counts_per_revolution: Positive = 40000.0
+    scaling: Literal["counts", "printed"] = "counts"
+
+
+class SeparableOddPolynomial(Part):
+    """Powers of the setpoint times odd powers of the deflection."""
+
+    target = "estimators.SeparableOddPolynomial"
+    type: Literal["odd"]
+    deflection_scale: Positive = 1.0
+    setpoint_origin: float = 0.0
+    setpoint_scale: float = 1.0
+    deflection_terms: AtLeastOne = 1
+    setpoint_terms: AtLeastOne = 1
+    setpoint_unit: Literal["rad", "m", "mm"] = "rad"
+    deflection_offset: bool = False
+    torque_bias: bool = False
+
+
+class Polynomial(Part):
+    """1, x, …, x^order of the deflection."""
+
+    target = "estimators.Polynomial"
+    type: Literal["polynomial"]
+    deflection_scale: Positive = 1.0
+    order: AtLeastOne = 1
+
+
+class Legendre(Part):
+    """Legendre polynomials on a range of deflection."""
+
+    target = "estimators.Legendre"
+    type: Literal["legendre"]
+    lower: float
+    upper: float
+    order: AtLeastOne = 3
+
+    @model_validator(mode="after")
+    def _range(self) -> Legendre:
+        if self.lower >= self.upper:
+            raise ValueError(f"lower must be below upper; got {self.lower} and {self.upper} rad")
+        return self
+
+
+class UnitFactor(Part):
+    """Ordinary recursive least squares."""
+
+    target = "estimators.UnitFactor"
+    type: Literal["unit"] = "unit"
+
+
+class EnhancedFactor(Part):
+    """The printed stability factor (27), with c = constant and P(0) = prior_scale."""
+
+    target = "estimators.EnhancedFactor"
+    type: Literal["enhanced"]
+    constant: Positive
+
+
+class ConstantFactor(Part):
+    """A constant stability factor."""
+
+    target = "estimators.ConstantFactor"
+    type: Literal["constant"]
+    factor: Fraction
+
+
+class ExponentialForgetting(Part):
+    """Exponential forgetting."""
+
+    target = "estimators.ExponentialForgetting"
+    type: Literal["forgetting"]
+    forgetting: Fraction
+
+
+class RecursiveLeastSquares(Part):
+    """The recursive fit."""
+
+    target = "estimators.RecursiveLeastSquares"
+    prior_scale: Positive
+    law: Annotated[
+        UnitFactor | EnhancedFactor | ConstantFactor | ExponentialForgetting, Field(discriminator="type")
+    ] = UnitFactor()
+
+
+class ExcitationGate(Part):
+    """When an answer is known."""
+
+    target = "estimators.ExcitationGate"
+    min_deflection_range: NonNegative = 0.0
+    max_relative_std: Positive = 0.1
+
+
+class StiffnessEstimator(Part):
+    """Torque, velocity filter, basis and recursive fit."""
+
+    target = "estimators.StiffnessEstimator"
+    torque: Annotated[SensorTorque | ModelTorque | ResidualTorque, Field(discriminator="type")]
+    basis: Annotated[SeparableOddPolynomial | Polynomial | Legendre, Field(discriminator="type")]
+    fit: RecursiveLeastSquares
+    velocity: Annotated[
+        FiniteDifference | KinematicKalman | ModifiedKinematicKalman, Field(discriminator="type")
+    ] = FiniteDifference(type="difference")
+    gate: ExcitationGate = ExcitationGate()
+    deflection: Literal["filtered", "raw", "measured"] = "filtered"
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """The signals that must be measured; the built estimator says the same."""
+        torque = {"sensor": {"elastic_torque"}, "residual": {"motor_position", "motor_torque"}, "model": set()}
+        positions = {"deflection"} if self.deflection == "measured" else {"link_position", "motor_position"}
+        has_setpoint = isinstance(self.basis, SeparableOddPolynomial) and self.basis.setpoint_terms > 1
+        return frozenset(torque[self.torque.type] | positions | ({"setpoint_position"} if has_setpoint else set()))

@@ -1,0 +1,105 @@
+"""One recording: simulated from a study, or estimated from a file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from tuning.build import build, build_estimator
+from tuning.logs import RecordingTable
+from tuning.problem import Problem, scenario_keys
+from tuning.study import Config, Study
+from vsajax import Estimate, Recording, experiment
+
+
+def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
+    """Return the columns of a simulated recording with its truth, and the integration steps a sample.
+
+    Args:
+        study: what is simulated.
+        scenario: number of the noise draw in the training stream.
+    """
+    problem = Problem(study)
+    key = scenario_keys(study, "train", scenario + 1)[scenario]
+    truth, recording = problem.record(problem.bench, key, problem.shared_truth)
+    signals = {name: value for name, value in recording._asdict().items() if value is not None}
+    signals |= {
+        "true_stiffness": truth.motion.stiffness,
+        "true_elastic_torque": truth.motion.elastic_torque,
+    }
+    return {name: np.asarray(value) for name, value in signals.items()}, problem.substeps
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An estimator's answer over a recording.
+
+    Args:
+        columns: time, stiffness, stiffness_std, elastic_torque, known; deflection and torque as used.
+        summary: the end of the recording, and the scores where the truth is known.
+        sentences: the same for people.
+    """
+
+    columns: dict[str, np.ndarray]
+    summary: dict[str, Any]
+    sentences: list[str]
+
+
+def estimate_recording(config: Config, table: RecordingTable) -> Answer:
+    """Run the configured estimator over a recording and score it where it has a column true_stiffness."""
+    signals = {name: jnp.asarray(table.columns[name]) for name in Recording._fields if name in table.columns}
+    recording = Recording(**signals)
+    answer: Estimate = jax.jit(experiment.estimate)(build_estimator(config), recording)
+    columns = {
+        "time": np.asarray(recording.time),
+        "stiffness": np.asarray(answer.stiffness),
+        "stiffness_std": np.asarray(answer.stiffness_std),
+        "elastic_torque": np.asarray(answer.elastic_torque),
+        "known": np.asarray(answer.known),
+        "deflection": np.asarray(answer.signals.deflection),
+        "torque": np.asarray(answer.signals.torque),
+    }
+    summary, sentences = _summarise(columns)
+    if "true_stiffness" in table.columns:
+        scorer = build(config.scorer)
+        truth = jnp.asarray(table.columns["true_stiffness"])
+        scores = jax.jit(experiment.score_estimate)(recording.time, truth, answer, scorer=scorer)
+        summary["scores"] = {name: float(value) for name, value in scores._asdict().items()}
+        sentences.append(
+            f"against the truth: MSREP {summary['scores']['msrep']:.4g} %, "
+            f"from {config.scorer.warm_up:g} s on {summary['scores']['msrep_settled']:.4g} %; "
+            f"within {100 * config.scorer.tolerance:g} % after {summary['scores']['convergence_time']:.3g} s"
+        )
+    return Answer(columns, summary, sentences)
+
+
+def _summarise(columns: dict[str, np.ndarray]) -> tuple[dict[str, Any], list[str]]:
+    known = columns["known"]
+    stiffness, std = float(columns["stiffness"][-1]), float(columns["stiffness_std"][-1])
+    known_from = float(columns["time"][np.argmax(known)]) if known.any() else math.inf
+    summary = {
+        "final_stiffness": stiffness,
+        "final_stiffness_std": std,
+        "final_known": bool(known[-1]),
+        "known_from": known_from,
+        "known_share": float(np.mean(known)),
+        "samples": known.size,
+        "diverged": bool(not np.isfinite(columns["stiffness"]).all()),
+    }
+    if summary["diverged"]:
+        return summary, [
+            "the estimate DIVERGED: it is not finite from "
+            f"t = {columns['time'][np.argmax(~np.isfinite(columns['stiffness']))]:.3f} s on"
+        ]
+    if not known.any():
+        return summary, ["the stiffness is NOT KNOWN: the recording excites the joint too little (estimator.gate)"]
+    sentences = [
+        f"known from {known_from:.3f} s on" + ("" if known[-1] else ", but no longer at the end"),
+        f"final stiffness {stiffness:.6g} ± {std:.2g} N·m/rad (one standard deviation)",
+    ]
+    return summary, sentences

@@ -1,0 +1,281 @@
+"""The study: one TOML file that says what joint is simulated, driven, measured, estimated, scored and tuned.
+
+Nothing here imports jax: `vsajax check` answers at once. A tuned configuration is a study too, with a
+`[provenance]` table; for a real log a `Config`, without a joint, is enough.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomlkit
+from pydantic import Field
+
+from tuning.axes import Axis, Bounds, parse_axis
+from tuning.errors import InputError, Mistake, input_error
+from tuning.parts.base import AtLeastOne
+from tuning.parts.bench import Clock, Excitation, Scorer, Sensing
+from tuning.parts.estimators import StiffnessEstimator
+from tuning.parts.joints import FlexibleJoint, SerialJoint
+from tuning.resources import preset_path
+from tuning.schema import Table, read_toml, validate
+
+SCHEMA_VERSION = 1
+
+
+class Config(Table):
+    """An estimator and how to score it: all that a recording needs."""
+
+    schema_version: Literal[1]
+    kind: str
+    name: str = "unnamed"
+    estimator: StiffnessEstimator
+    scorer: Scorer = Scorer()
+    provenance: dict[str, Any] = Field(default_factory=dict)
+
+
+class Scenarios(Table):
+    """How many noise draws there are to tune on, and how many others to judge by.
+
+    They are drawn from different streams of the seed: no draw is in both.
+    """
+
+    train: AtLeastOne = 32
+    held_out: AtLeastOne = 256
+
+
+class Sweep(Table):
+    """The grid of `vsajax sweep`; `scenarios` noise draws are run at each of its points."""
+
+    scenarios: AtLeastOne = 16
+    grid: dict[str, Axis] = Field(default_factory=dict)
+
+
+class Tune(Table):
+    """What `vsajax tune` varies, and how it looks for the best."""
+
+    objective: Literal["msrep"] = "msrep"
+    starts: AtLeastOne = 4
+    screen: Annotated[int, Field(ge=0)] = 64
+    max_steps: AtLeastOne = 60
+    parameters: dict[str, Bounds] = Field(default_factory=dict)
+
+
+class Study(Config):
+    """Everything that the lab does with one kind of joint."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    excitation: Excitation = Excitation()
+    sensing: Sensing
+    clock: Clock
+    substeps: AtLeastOne | None = None
+    scenarios: Scenarios = Scenarios()
+    sweep: Sweep = Sweep()
+    tune: Tune = Tune()
+
+
+class SerialStudy(Study):
+    """A study of a serial adjustable-stiffness joint."""
+
+    joint: SerialJoint
+
+
+class SeaStudy(Study):
+    """A study of a series-elastic actuator: one motor, one spring."""
+
+    joint: FlexibleJoint
+
+
+_STUDIES: dict[str, type[Study]] = {"serial": SerialStudy, "sea": SeaStudy}
+
+
+def load_study(path: Path, settings: Sequence[str] = ()) -> Study:
+    """Return the study in a TOML file, with `a.b=value` settings applied before it is validated.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
+    return parse_study(_with_settings(read_toml(path), settings), str(path))
+
+
+def load_config(path: Path, settings: Sequence[str] = ()) -> Config:
+    """Return the study, or the estimator alone, in a TOML file.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
+    data = _with_settings(read_toml(path), settings)
+    if "joint" in data:
+        return parse_study(data, str(path))
+    _check_kind(data, str(path))
+    return validate(Config, data, str(path))
+
+
+def parse_study(data: Mapping[str, Any], place: str) -> Study:
+    """Return a study from its tables; `place` names their source in errors."""
+    study = validate(_STUDIES[_check_kind(data, place)], _with_preset(dict(data), place), place)
+    _check_together(study, place)
+    return study
+
+
+def _check_kind(data: Mapping[str, Any], place: str) -> str:
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in _STUDIES:
+        got = "is missing" if kind is None else f"got {kind!r}"
+        raise input_error(f"{place}: kind", got, f"allowed: {', '.join(_STUDIES)}")
+    return kind
+
+
+def resolved(config: Config) -> dict[str, Any]:
+    """Return every table of a configuration, defaults written out, absent features left out."""
+    return config.model_dump(exclude_none=True)
+
+
+def study_hash(config: Config) -> str:
+    """Return a hash of all that determines a study's results; its name and provenance do not."""
+    tables = {k: v for k, v in resolved(config).items() if k not in {"name", "provenance"}}
+    return hashlib.sha256(json.dumps(tables, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def to_toml(tables: Mapping[str, Any]) -> str:
+    """Return tables as TOML text."""
+    return tomlkit.dumps(tables)
+
+
+def numeric_paths(config: Config) -> dict[str, float]:
+    """Return every number of the bench by its dotted path: what can be varied, swept and tuned."""
+    found: dict[str, float] = {}
+
+    def walk(prefix: str, value: Any) -> None:
+        if isinstance(value, Mapping):
+            for key, inner in value.items():
+                walk(f"{prefix}.{key}" if prefix else key, inner)
+        elif isinstance(value, float):
+            found[prefix] = value
+
+    tables = resolved(config)
+    for part in ("joint", "excitation", "sensing", "estimator", "scorer"):
+        walk(part, tables.get(part, {}))
+    return found
+
+
+def with_numbers(config: Config, values: Mapping[str, float], place: str) -> Study:
+    """Return the study with numbers replaced, validated anew."""
+    tables = resolved(config)
+    for path, value in values.items():
+        _put(tables, path.split("."), value)
+    return parse_study(tables, place)
+
+
+def with_grid(study: Study, grids: Sequence[str], scenarios: int | None) -> Study:
+    """Return the study with its sweep replaced by command-line axes, and its number of scenarios.
+
+    Raises:
+        InputError: an axis cannot be read, leads nowhere, or reaches values that are not allowed.
+    """
+    axes = dict(parse_axis(text) for text in grids) or study.sweep.grid
+    sweep = Sweep(scenarios=scenarios or study.sweep.scenarios, grid=axes)
+    changed = study.model_copy(update={"sweep": sweep})
+    _check_together(changed, "--grid")
+    return changed
+
+
+def _check_together(study: Study, place: str) -> None:
+    """Check what no single table can: signals that are needed but not measured, paths, ranges."""
+    mistakes = [
+        Mistake(
+            f"{place}: sensing.{name}",
+            "is missing, but the estimator needs this signal",
+            f"add a [sensing.{name}] table, or choose another torque, deflection or basis",
+        )
+        for name in sorted(study.estimator.needs)
+        if getattr(study.sensing, name) is None
+    ]
+    numbers = numeric_paths(study)
+    for table, axes in (("sweep.grid", study.sweep.grid), ("tune.parameters", study.tune.parameters)):
+        for path, axis in axes.items():
+            where = f"{place}: {table}.{path!r}"
+            mistakes += check_path(study, path, where, numbers)
+            if path in numbers:
+                mistakes += _check_values(study, path, axis, where)
+    if mistakes:
+        raise InputError(*mistakes)
+
+
+def check_path(study: Study, path: str, where: str, numbers: Mapping[str, float]) -> list[Mistake]:
+    """Return what is wrong with a dotted path that should lead to a number of the bench."""
+    if path in numbers:
+        return []
+    near = difflib.get_close_matches(path, numbers, 3, 0.5)
+    fix = f"did you mean {' or '.join(near)}?" if near else "`vsajax check STUDY` lists every number"
+    return [Mistake(where, "leads to no number of the study", fix)]
+
+
+def _check_values(study: Study, path: str, axis: Axis | Bounds, where: str) -> list[Mistake]:
+    """Check the ends of a range against the limits of the number that it replaces."""
+    for value in axis.ends():
+        tables = resolved(study) | {"sweep": {}, "tune": {}}
+        _put(tables, path.split("."), value)
+        try:
+            validate(type(study), tables, where)
+        except InputError as error:
+            problem = error.mistakes[0].problem
+            return [Mistake(where, f"reaches {value:g}, which is not allowed there: {problem}")]
+    return []
+
+
+def _with_settings(data: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+    for setting in settings:
+        path, separator, text = setting.partition("=")
+        if not separator or not path.strip():
+            raise input_error(
+                f"--set {setting}", "is not of the form a.b=value", "e.g. --set estimator.fit.prior_scale=0.1"
+            )
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = text
+        try:
+            _put(data, path.strip().split("."), value)
+        except TypeError:
+            raise input_error(f"--set {setting}", "leads through a value that is not a table") from None
+    return data
+
+
+def _put(tables: dict[str, Any], keys: Sequence[str], value: Any) -> None:
+    *parents, last = keys
+    for key in parents:
+        tables = tables.setdefault(key, {})
+        if not isinstance(tables, dict):
+            raise TypeError(key)
+    tables[last] = value
+
+
+def _with_preset(data: dict[str, Any], place: str) -> dict[str, Any]:
+    """Replace `joint.preset` by the preset's tables, which the joint's other keys override."""
+    joint = data.get("joint")
+    if not isinstance(joint, dict) or "preset" not in joint:
+        return data
+    own = {key: value for key, value in joint.items() if key != "preset"}
+    return data | {"joint": _merge(read_toml(preset_path(joint["preset"], f"{place}: joint.preset")), own)}
+
+
+def _merge(base: dict[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in override.items():
+        inner = merged.get(key)
+        merged[key] = value
+        # Another type of spring shares no key with the preset's: it replaces the table.
+        if (
+            isinstance(inner, dict)
+            and isinstance(value, Mapping)
+            and value.get("type", inner.get("type")) == inner.get("type")
+        ):
+            merged[key] = _merge(inner, value)
+    return merged

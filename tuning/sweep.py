@@ -1,0 +1,170 @@
+"""A grid over any numbers of a study, in resumable chunks."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from tuning.errors import input_error
+from tuning.grid import Grid
+from tuning.problem import Problem
+from tuning.progress import progress
+from tuning.store import RunStore, open_run
+from tuning.study import Study
+
+_STEPS_PER_CHUNK = 1.0e8
+"""Lane-steps in a chunk: a few seconds of work. A constant, so that a resumed run has the same chunks."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a sweep will take, from one timed chunk.
+
+    Args:
+        configurations: points of the grid.
+        scenarios: noise draws at each.
+        chunks: into which the work is cut.
+        memory: peak of the process while a chunk runs [bytes].
+        compile_time: [s].
+        run_time: of all chunks together, compilation apart [s].
+    """
+
+    configurations: int
+    scenarios: int
+    chunks: int
+    memory: int
+    compile_time: float
+    run_time: float
+
+
+@dataclass(frozen=True)
+class GridSweep:
+    """A grid and its cut into chunks.
+
+    Args:
+        study: the study.
+        axes: values by dotted path.
+        scenarios: noise draws per configuration.
+    """
+
+    study: Study
+    axes: Mapping[str, Sequence[float]]
+    scenarios: int
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The grid on the study's training stream."""
+        return Grid(Problem(self.study, tuple(self.axes)), self.axes, self.scenarios)
+
+    @cached_property
+    def points_per_chunk(self) -> int:
+        """Outer points of the grid in a chunk."""
+        steps = self.grid.inner_size * self.grid.problem.samples
+        return min(max(1, round(_STEPS_PER_CHUNK / steps)), len(self.grid.outer_points))
+
+    @cached_property
+    def chunks(self) -> list[str]:
+        """Ids of the chunks, in order."""
+        count = math.ceil(len(self.grid.outer_points) / self.points_per_chunk)
+        return [f"{i:06d}" for i in range(count)]
+
+    def run_chunk(self, chunk: str) -> dict[str, np.ndarray]:
+        """Return the rows of a chunk: configuration, scenario, the varied numbers, the scores."""
+        first = int(chunk) * self.points_per_chunk
+        points = self.grid.outer_points[first : first + self.points_per_chunk]
+        configurations = self.grid.configuration_of[first : first + self.points_per_chunk]
+        # The last chunk is filled up, so that all chunks are one compiled program.
+        filled = points[np.minimum(np.arange(self.points_per_chunk), len(points) - 1)]
+        scores = {name: score[: len(points)] for name, score in self.grid.evaluate(filled).items()}
+        numbers = configurations.reshape(-1)
+        values = {path: np.array([self.grid.values_of(n)[path] for n in numbers]) for path in self.axes}
+        return {
+            "configuration": np.repeat(numbers, self.scenarios),
+            "scenario": np.tile(np.arange(self.scenarios), numbers.size),
+            **{path: np.repeat(value, self.scenarios) for path, value in values.items()},
+            **{name: score.reshape(-1) for name, score in scores.items()},
+        }
+
+    def open(self, folder: Path, *, resume: bool) -> RunStore:
+        """Return the run's store."""
+        plan = {"axes": {path: list(values) for path, values in self.axes.items()}, "scenarios": self.scenarios}
+        return open_run(folder, "sweep", self.study, plan, self.chunks, resume=resume)
+
+    def run(self, store: RunStore, *, quiet: bool = False) -> pa.Table:
+        """Compute every unfinished chunk and return all results."""
+        done = len(self.chunks) - len(list(store.pending()))
+        with progress(
+            f"sweep {self.grid.configurations} × {self.scenarios}", len(self.chunks), quiet=quiet
+        ) as advance:
+            advance(done)
+            for chunk in store.pending():
+                store.write_chunk(chunk, self.run_chunk(chunk))
+                advance()
+        return store.finish()
+
+    def forecast(self) -> Forecast:
+        """Compile and time one chunk."""
+        import resource
+
+        start = time.perf_counter()
+        self.run_chunk(self.chunks[0])
+        compiled = time.perf_counter()
+        self.run_chunk(self.chunks[0])
+        run_time = time.perf_counter() - compiled
+        # Linux counts in KiB; the resident peak holds the program, its inputs and one chunk's results.
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+        rows = self.grid.configurations * self.scenarios
+        table = rows * 8 * (2 + len(self.axes) + 11) * 3
+        return Forecast(
+            self.grid.configurations,
+            self.scenarios,
+            len(self.chunks),
+            peak + table,
+            compiled - start - run_time,
+            run_time * len(self.chunks),
+        )
+
+
+def plan_sweep(study: Study, place: str) -> GridSweep:
+    """Return the sweep that a study's `[sweep]` table asks for.
+
+    Raises:
+        InputError: the grid is empty.
+    """
+    if not study.sweep.grid:
+        raise input_error(
+            f"{place}: sweep.grid",
+            "has no axis",
+            "add one, or give --grid estimator.fit.prior_scale=log(1e-3,10,8)",
+        )
+    axes = {path: axis.grid() for path, axis in study.sweep.grid.items()}
+    return GridSweep(study, axes, study.sweep.scenarios)
+
+
+def rank(table: pa.Table, axes: Sequence[str], score: str = "msrep") -> list[dict[str, float]]:
+    """Return the configurations, best mean score first, with the mean, median and 90 % quantile over scenarios."""
+    values = table[score].to_numpy()
+    numbers = table["configuration"].to_numpy()
+    order = np.lexsort((table["scenario"].to_numpy(), numbers))
+    scenarios = int(table["scenario"].to_numpy().max()) + 1
+    per_configuration = values[order].reshape(-1, scenarios)
+    firsts = order[::scenarios]
+    rows = [
+        {
+            "configuration": int(numbers[first]),
+            **{path: float(table[path][int(first)].as_py()) for path in axes},
+            "mean": float(np.mean(scores)),
+            "median": float(np.median(scores)),
+            "q90": float(np.quantile(scores, 0.9)),
+        }
+        for first, scores in zip(firsts, per_configuration, strict=True)
+    ]
+    # A diverged configuration has no mean; it goes last.
+    return sorted(rows, key=lambda row: (math.isnan(row["mean"]), row["mean"]))

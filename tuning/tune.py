@@ -1,0 +1,264 @@
+"""Looking for the best numbers of a study, and judging them on noise that the search never saw."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pyarrow.parquet as pq
+from scipy import stats
+
+from tuning.errors import input_error
+from tuning.gradient import Algorithm, GradientTuner, Outcome
+from tuning.grid import Grid, lane_program
+from tuning.problem import Problem, Stream, scenario_keys
+from tuning.progress import progress
+from tuning.space import Space
+from tuning.store import open_run, versions, write_text
+from tuning.study import Study, numeric_paths, resolved, study_hash, to_toml, with_numbers
+
+Method = Literal["gradient", "grid", "hybrid"]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """MSREP over scenarios, with a 95 % bootstrap interval of its mean [%].
+
+    Args:
+        mean: over the scenarios.
+        low: lower end of the interval.
+        high: upper end.
+        median: over the scenarios.
+        q90: 90 % quantile.
+        settled_mean: mean of the MSREP from the warm-up time on.
+        convergence_time: median over the scenarios [s].
+        diverged: scenarios in which an estimate was not finite; they are left out of the other numbers.
+        scenarios: how many were run.
+        msrep: of every scenario [%].
+    """
+
+    mean: float
+    low: float
+    high: float
+    median: float
+    q90: float
+    settled_mean: float
+    convergence_time: float
+    diverged: int
+    scenarios: int
+    msrep: np.ndarray
+
+    def summary(self) -> dict[str, float | int]:
+        """Return all but the single scenarios."""
+        return {name: value for name, value in asdict(self).items() if name != "msrep"}
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a search found.
+
+    Args:
+        values: the best numbers by path.
+        outcomes: where each start ended.
+        train: the best numbers on the training scenarios.
+        held_out: the best numbers on the held-out scenarios.
+        before: the study's own numbers on the held-out scenarios.
+    """
+
+    values: dict[str, float]
+    outcomes: list[Outcome]
+    train: Judgement
+    held_out: Judgement
+    before: Judgement
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search over the `[tune]` parameters of a study.
+
+    Args:
+        study: the study; its own numbers are the first start.
+        method: "gradient": from the study's numbers and the best of some Sobol points; "grid": every
+            combination of the bounds' points; "hybrid": the gradient, from the grid's best.
+        algorithm: of the gradient.
+    """
+
+    study: Study
+    method: Method
+    algorithm: Algorithm = "levenberg-marquardt"
+
+    @cached_property
+    def space(self) -> Space:
+        """The space of the tuned parameters."""
+        return Space.of(self.study.tune.parameters)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The study's problem."""
+        return Problem(self.study, self.space.paths)
+
+    @cached_property
+    def own(self) -> dict[str, float]:
+        """The study's numbers at the tuned paths."""
+        numbers = numeric_paths(self.study)
+        return {path: numbers[path] for path in self.space.paths}
+
+    @cached_property
+    def tuner(self) -> GradientTuner:
+        """The gradient tuner on the training scenarios."""
+        keys = scenario_keys(self.study, "train", self.study.scenarios.train)
+        return GradientTuner(self.problem, self.space, keys, self.algorithm, self.study.tune.max_steps)
+
+    def screen(self, points: np.ndarray) -> np.ndarray:
+        """Return the mean training MSREP at `(point, parameter)` numbers [%]."""
+        keys = scenario_keys(self.study, "train", self.study.scenarios.train)
+        program = lane_program(self.problem, self.space.paths, (), width=len(keys))
+        lanes = (jnp.asarray(points), jnp.broadcast_to(keys, (len(points), *keys.shape)))
+        scores = program(lanes, ((), self.problem.shared_truth))
+        return np.asarray(jnp.mean(scores.msrep, axis=1))
+
+    def sobol_points(self) -> np.ndarray:
+        """Return `screen` scrambled Sobol points of the space, `(point, parameter)`."""
+        count = max(self.study.tune.screen, self.study.tune.starts)
+        sampler = stats.qmc.Sobol(self.space.size, rng=np.random.default_rng(self.study.seed))
+        shares = sampler.random_base2(math.ceil(math.log2(count)))[:count]
+        return self._numbers(jax.vmap(self.space.at_share)(jnp.asarray(shares)))
+
+    def grid_points(self) -> np.ndarray:
+        """Return every combination of the bounds' points, `(point, parameter)`."""
+        axes = [bounds.grid() for bounds in self.study.tune.parameters.values()]
+        return np.stack([axis.reshape(-1) for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+
+    def _numbers(self, values: Mapping[str, jax.Array]) -> np.ndarray:
+        return np.stack([np.asarray(values[path]) for path in self.space.paths], axis=1)
+
+    def judge(self, values: Mapping[str, float], stream: Stream, count: int) -> Judgement:
+        """Score numbers on scenarios of a stream."""
+        problem = Problem(with_numbers(self.study, values, "tuned study"))
+        scores = Grid(problem, {}, count, stream).evaluate(np.empty((1, 0)))
+        is_finite = scores["diverged"][0, 0] == 0
+        msrep = scores["msrep"][0, 0][is_finite]
+        low = high = float("nan")
+        if msrep.size > 1 and np.ptp(msrep) > 0:
+            interval = stats.bootstrap(
+                (msrep,), np.mean, n_resamples=5000, rng=np.random.default_rng(self.study.seed)
+            ).confidence_interval
+            low, high = float(interval.low), float(interval.high)
+        return Judgement(
+            mean=float(np.mean(msrep)),
+            low=low,
+            high=high,
+            median=float(np.median(msrep)),
+            q90=float(np.quantile(msrep, 0.9)),
+            settled_mean=float(np.mean(scores["msrep_settled"][0, 0][is_finite])),
+            convergence_time=float(np.median(scores["convergence_time"][0, 0][is_finite])),
+            diverged=int(np.sum(~is_finite)),
+            scenarios=count,
+            msrep=scores["msrep"][0, 0],
+        )
+
+
+def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = False) -> Tuned:
+    """Search, judge on held-out scenarios, and write `best.toml` and `results.parquet` to the run folder.
+
+    Every finished screening and start is a chunk of the run: an interrupted search goes on where it was.
+    """
+    study = search.study
+    refines = search.method != "grid"
+    starts = study.tune.starts if refines else 0
+    chunks = ["screen", *(f"start-{i:03d}" for i in range(starts))]
+    plan = {"method": search.method, "algorithm": search.algorithm}
+    store = open_run(folder, "tune", study, plan, chunks, resume=resume)
+    with progress(f"tune ({search.method})", len(chunks), quiet=quiet) as advance:
+
+        def finished(chunk: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+            if chunk in set(store.pending()):
+                store.write_chunk(chunk, compute())
+            advance()
+            table = pq.read_table(folder / "chunks" / f"{chunk}.parquet")
+            return {name: table[name].to_numpy() for name in table.column_names}
+
+        screened = finished("screen", lambda: _screen(search))
+        points = np.stack([screened[path] for path in search.space.paths], axis=1)
+        order = np.argsort(np.where(np.isnan(screened["objective"]), np.inf, screened["objective"]))
+        candidates = [dict(zip(search.space.paths, map(float, points[i]), strict=True)) for i in order]
+        outcomes = []
+        for i, start in enumerate([search.own, *candidates][:starts]):
+            row = finished(f"start-{i:03d}", lambda start=start: _refine(search, start))
+            values = {path: float(row[path][0]) for path in search.space.paths}
+            outcomes.append(
+                Outcome(start, values, float(row["objective"][0]), int(row["steps"][0]), str(row["message"][0]))
+            )
+    store.finish()
+    reached = [o for o in outcomes if math.isfinite(o.objective)]
+    best = min(reached, key=lambda o: o.objective).values if reached else candidates[0]
+    tuned = Tuned(
+        best,
+        outcomes,
+        search.judge(best, "train", study.scenarios.train),
+        search.judge(best, "held_out", study.scenarios.held_out),
+        search.judge(search.own, "held_out", study.scenarios.held_out),
+    )
+    write_best(search, tuned, folder / "best.toml")
+    return tuned
+
+
+def plan_search(study: Study, method: Method, algorithm: Algorithm, place: str) -> Search:
+    """Return the search that a study's `[tune]` table asks for.
+
+    Raises:
+        InputError: there is no parameter to tune.
+    """
+    if not study.tune.parameters:
+        raise input_error(
+            f"{place}: tune.parameters",
+            "names no number to tune",
+            'add one, e.g. [tune.parameters] "estimator.fit.prior_scale" = { low = 1e-4, high = 1e3 }',
+        )
+    return Search(study, method, algorithm)
+
+
+def write_best(search: Search, tuned: Tuned, path: Path) -> None:
+    """Write the tuned study with its provenance."""
+    study = search.study
+    provenance = {
+        "command": "tune",
+        "method": search.method,
+        "algorithm": search.algorithm,
+        "study_hash": study_hash(study),
+        "seed": study.seed,
+        "versions": versions(),
+        "tuned": sorted(tuned.values),
+        "train": tuned.train.summary(),
+        "held_out": tuned.held_out.summary(),
+        "before_on_held_out": tuned.before.summary(),
+    }
+    tables = resolved(with_numbers(study, tuned.values, "tuned study"))
+    # TOML has no number for an infinite convergence time that every reader takes; JSON's way out is a string.
+    write_text(path, to_toml(tables | {"provenance": json.loads(json.dumps(provenance), parse_constant=str)}))
+
+
+def _screen(search: Search) -> dict[str, np.ndarray]:
+    points = search.sobol_points() if search.method == "gradient" else search.grid_points()
+    return _rows(search, points, search.screen(points), np.zeros(len(points), int), "screened")
+
+
+def _refine(search: Search, start: Mapping[str, float]) -> dict[str, np.ndarray]:
+    outcome = search.tuner.run(dict(start))
+    point = np.array([[outcome.values[path] for path in search.space.paths]])
+    return _rows(search, point, np.array([outcome.objective]), np.array([outcome.steps]), outcome.message)
+
+
+def _rows(
+    search: Search, points: np.ndarray, objective: np.ndarray, steps: np.ndarray, message: str
+) -> dict[str, Any]:
+    columns: dict[str, Any] = {path: points[:, i] for i, path in enumerate(search.space.paths)}
+    return columns | {"objective": objective, "steps": steps, "message": np.array([message] * len(points))}
