@@ -14,7 +14,17 @@ $(READY): pyproject.toml constraints.txt
 	touch $@
 
 demo: $(READY)
-	$(BIN)/python -m tuning.demo runs/demo
+	rm -rf runs/demo
+	$(BIN)/vsajax reproduce serial -o runs/demo/reproduce
+	$(BIN)/vsajax init serial runs/demo/study.toml
+	$(BIN)/vsajax sweep runs/demo/study.toml -o runs/demo/sweep
+	$(BIN)/vsajax tune runs/demo/study.toml -o runs/demo/tune
+	$(BIN)/vsajax simulate runs/demo/study.toml -o runs/demo/recording.parquet
+	$(BIN)/vsajax estimate runs/demo/recording.parquet -c runs/demo/tune/best.toml -o runs/demo/estimate.parquet
+	$(BIN)/vsajax estimate tests/golden/hebi/exampleLog.csv --map configs/logs/hebi.toml \
+	  -c configs/tuned/sea_sensor.toml -o runs/demo/real_log.parquet
+	$(BIN)/vsajax export runs/demo/tune/best.toml --to json -o runs/demo/export
+	@echo "Done. The pictures are in runs/demo and its folders; the tuned configuration is runs/demo/tune/best.toml."
 
 test: $(READY)
 	$(BIN)/pytest -n 2 -m 'not slow and not benchmark'

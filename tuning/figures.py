@@ -9,23 +9,29 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter
 
 from tuning.logs import RecordingTable
 from tuning.single import Answer
 
 TRUTH, ESTIMATE, OTHER, QUIET = "#222222", "#0072b2", "#d55e00", "#bbbbbb"
-_STYLE = {
-    "font.size": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e6e6e6",
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "lines.linewidth": 1.3,
-    "savefig.dpi": 130,
-}
+_MAP = "viridis_r"
+mpl.rcParams.update(
+    {
+        "font.size": 9.5,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.color": "#e6e6e6",
+        "axes.axisbelow": True,
+        "legend.frameon": False,
+        "lines.linewidth": 1.3,
+        "savefig.dpi": 130,
+    }
+)
 _LABELS = {
     "link_position": "link\nposition [rad]",
     "motor_position": "motor\nposition [rad]",
@@ -39,10 +45,8 @@ _LABELS = {
 
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
     """Return a figure of `rows` × `columns` axes in the house style, size in inches."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        axes = figure.subplots(rows, columns, **options)
-    return figure, axes
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
 
 
 def save(figure: Figure, path: Path) -> Path:
@@ -51,8 +55,7 @@ def save(figure: Figure, path: Path) -> Path:
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with mpl.rc_context(_STYLE):
-            figure.savefig(path)
+        figure.savefig(path)
     except OSError as error:
         raise input_error(path, f"cannot be written ({error.strerror})", "check the folder and the disk") from None
     return path
@@ -140,13 +143,12 @@ def draw_sweep(rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Se
     pairs = [(a, b) for n, a in enumerate(wide) for b in wide[n + 1 :]]
     figure, axes = new_figure(4.3 * len(pairs), 3.7, 1, len(pairs), squeeze=False)
     finite = cube[np.isfinite(cube)]
-    norm = mpl.colors.LogNorm(finite.min(), max(np.quantile(finite, 0.95), 1.001 * finite.min()))
-    image = None
+    norm = LogNorm(finite.min(), max(np.quantile(finite, 0.95), 1.001 * finite.min()))
     for axis, (a, b) in zip(axes[0], pairs, strict=True):
         others = tuple(i for i in range(len(paths)) if i not in (a, b))
         plane = np.nanmin(cube, axis=others) if others else cube
         x, y = axes_values[paths[b]], axes_values[paths[a]]
-        image = axis.pcolormesh(np.arange(len(x) + 1), np.arange(len(y) + 1), plane, norm=norm, cmap="viridis_r")
+        axis.pcolormesh(np.arange(len(x) + 1), np.arange(len(y) + 1), plane, norm=norm, cmap=_MAP)
         best = np.unravel_index(np.nanargmin(plane), plane.shape)
         axis.plot(best[1] + 0.5, best[0] + 0.5, "*", color="white", markersize=11, markeredgecolor="black")
         axis.set_xticks(np.arange(len(x)) + 0.5, [f"{value:.2g}" for value in x], rotation=60, fontsize=8)
@@ -154,7 +156,9 @@ def draw_sweep(rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Se
         axis.set_xlabel(paths[b])
         axis.set_ylabel(paths[a])
         axis.grid(visible=False)
-    bar = figure.colorbar(image, ax=axes[0].tolist(), extend="max")
+    bar = figure.colorbar(ScalarMappable(norm, _MAP), ax=axes[0].tolist(), extend="max")
+    bar.ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    bar.ax.yaxis.set_minor_formatter(FormatStrFormatter("%g"))
     bar.set_label("mean MSREP [%], best over other axes")
     figure.suptitle("Sweep: star marks the best configuration")
     return figure
@@ -184,8 +188,8 @@ def draw_tuning(before: np.ndarray, after: np.ndarray, *, labels: tuple[str, str
         axis.step(finite, 100 * share, where="post", color=colour, label=f"{label}: mean {finite.mean():.3g} %")
         axis.axvline(finite.mean(), color=colour, linestyle=":", linewidth=1)
     axis.set_xscale("log")
-    axis.xaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%g"))
-    axis.xaxis.set_minor_formatter(mpl.ticker.FormatStrFormatter("%g"))
+    axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.xaxis.set_minor_formatter(FormatStrFormatter("%g"))
     axis.tick_params(axis="x", which="minor", labelsize=7)
     axis.set_xlabel("MSREP [%]")
     axis.set_ylabel("share of held-out\nscenarios below [%]")

@@ -25,7 +25,7 @@ class Outcome:
     Args:
         start: the numbers it started from.
         values: the numbers it ended at.
-        objective: mean training MSREP there [%].
+        objective: mean training objective there [%].
         steps: of the optimiser.
         message: "converged", "step limit", or what the optimiser says.
     """
@@ -39,7 +39,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class GradientTuner:
-    """Minimises the mean MSREP over some scenarios.
+    """Minimises the mean of the study's objective over some scenarios.
 
     Args:
         problem: what is tuned.
@@ -56,13 +56,13 @@ class GradientTuner:
     max_steps: int = 60
 
     def residuals(self, z: Vector, shared: Any) -> Float[Array, " residual"]:
-        """Return the vector whose squared norm is the mean MSREP over the scenarios [√%]."""
+        """Return the vector whose squared norm is the mean objective over the scenarios [√%]."""
         values = self.space.constrain(z)
         each = jax.vmap(lambda key: self.problem.residuals(values, key, shared))(self.keys)
         return each.reshape(-1) / jnp.sqrt(self.keys.shape[0])
 
     def objective(self, z: Vector, shared: Any) -> Float[Array, ""]:
-        """Return the mean MSREP over the scenarios [%]."""
+        """Return the mean objective over the scenarios [%]."""
         residuals = self.residuals(z, shared)
         return residuals @ residuals
 

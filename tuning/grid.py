@@ -114,8 +114,10 @@ class Grid:
     def _split(self) -> int:
         """Into how many lanes the scenarios are cut, so that a single outer point still uses every core."""
         cores = len(jax.local_devices())
-        is_narrow = len(self.outer_points) < cores
-        return cores if is_narrow and self.scenarios % cores == 0 else 1
+        if len(self.outer_points) >= cores:
+            return 1
+        divisors = (d for d in range(cores, self.scenarios + 1) if self.scenarios % d == 0)
+        return next((d for d in divisors if self.inner_size // d <= _WIDTH), 1)
 
     @cached_property
     def program(self) -> Any:

@@ -108,7 +108,13 @@ class Problem:
         return experiment.score(bench.estimator, recording, truth.motion.stiffness, scorer=bench.scorer)
 
     def residuals(self, values: Values, key: Key[Array, ""], shared: Truth | None) -> Float[Array, " time"]:
-        """Return the vector whose squared norm is the scenario's MSREP [√%]."""
+        """Return the vector whose squared norm is the scenario's objective [√%]."""
         bench = with_leaves(self.bench, values)
         truth, recording = self.record(bench, key, shared)
-        return experiment.residuals(bench.estimator, recording, truth.motion.stiffness, scorer=bench.scorer)
+        return experiment.residuals(
+            bench.estimator,
+            recording,
+            truth.motion.stiffness,
+            scorer=bench.scorer,
+            settled=self.study.tune.objective == "msrep_settled",
+        )

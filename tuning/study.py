@@ -58,9 +58,13 @@ class Sweep(Table):
 
 
 class Tune(Table):
-    """What `vsajax tune` varies, and how it looks for the best."""
+    """What `vsajax tune` varies, and how it looks for the best.
 
-    objective: Literal["msrep"] = "msrep"
+    The objective is the mean over the training scenarios of the printed index `msrep`, which the first
+    milliseconds decide, or of `msrep_settled`, which counts from the scorer's warm-up time on.
+    """
+
+    objective: Literal["msrep", "msrep_settled"] = "msrep"
     starts: AtLeastOne = 4
     screen: Annotated[int, Field(ge=0)] = 64
     max_steps: AtLeastOne = 60

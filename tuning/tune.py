@@ -118,12 +118,12 @@ class Search:
         return GradientTuner(self.problem, self.space, keys, self.algorithm, self.study.tune.max_steps)
 
     def screen(self, points: np.ndarray) -> np.ndarray:
-        """Return the mean training MSREP at `(point, parameter)` numbers [%]."""
+        """Return the mean training objective at `(point, parameter)` numbers [%]."""
         keys = scenario_keys(self.study, "train", self.study.scenarios.train)
         program = lane_program(self.problem, self.space.paths, (), width=len(keys))
         lanes = (jnp.asarray(points), jnp.broadcast_to(keys, (len(points), *keys.shape)))
         scores = program(lanes, ((), self.problem.shared_truth))
-        return np.asarray(jnp.mean(scores.msrep, axis=1))
+        return np.asarray(jnp.mean(getattr(scores, self.study.tune.objective), axis=1))
 
     def sobol_points(self) -> np.ndarray:
         """Return `screen` scrambled Sobol points of the space, `(point, parameter)`."""
@@ -233,6 +233,7 @@ def write_best(search: Search, tuned: Tuned, path: Path) -> None:
         "command": "tune",
         "method": search.method,
         "algorithm": search.algorithm,
+        "objective": study.tune.objective,
         "study_hash": study_hash(study),
         "seed": study.seed,
         "versions": versions(),

@@ -113,13 +113,20 @@ def score_estimate(time: Series, stiffness: Series, answer: Estimate, *, scorer:
 
 
 def residuals(
-    estimator: AbstractEstimator, recording: Recording, stiffness: Series, *, scorer: Scorer
+    estimator: AbstractEstimator,
+    recording: Recording,
+    stiffness: Series,
+    *,
+    scorer: Scorer,
+    settled: bool = False,
 ) -> Float[Array, " time"]:
     """Return the vector whose squared norm is the recording's MSREP [√%], for least-squares tuning.
 
-    Element k is 10 (σ − σ̂)/σ / √p, with p as in (36).
+    Element k is 10 (σ − σ̂)/σ / √p, with p as in (36); with `settled`, 0 before the scorer's warm-up time.
     """
     answer = estimate(estimator, recording)
-    relative = scorer.relative_error(stiffness, answer.stiffness)
-    counted = jnp.sum(jnp.abs(stiffness) > scorer.stiffness_floor)
-    return 10.0 * relative / jnp.sqrt(counted - 1.0)
+    counts = jnp.abs(stiffness) > scorer.stiffness_floor
+    if settled:
+        counts = counts & (recording.time >= scorer.warm_up)
+    relative = jnp.where(counts, scorer.relative_error(stiffness, answer.stiffness), 0.0)
+    return 10.0 * relative / jnp.sqrt(jnp.sum(counts) - 1.0)

@@ -41,45 +41,51 @@ def scan[State](
     Raises:
         ValueError: `inputs` have no array, unequal lengths, or `segment` is below 1.
     """
-    lengths = {leaf.shape[0] for leaf in jax.tree.leaves(inputs)}
-    if len(lengths) != 1:
-        raise ValueError(f"inputs need one leading length; got {sorted(lengths) or 'no array'}")
-    (steps,) = lengths
-    length = segment or max(1, math.isqrt(steps))
-    if length < 1:
+    steps = _common_length("inputs", inputs)
+    if segment is not None and segment < 1:
         raise ValueError(f"segment must be at least 1; got {segment}")
-    segments = steps // length
+    length = min(segment or math.isqrt(steps), steps)
+    segments = steps // length if length else 0
 
-    @partial(jax.checkpoint, prevent_cse=False)  # pyright: ignore[reportPrivateImportUsage]
-    def body(state: State, inputs: PyTree) -> tuple[State, PyTree]:
+    @partial(jax.checkpoint, prevent_cse=False, static_argnums=2)  # pyright: ignore[reportPrivateImportUsage]
+    def run(state: State, start: Any, length: int) -> tuple[State, PyTree]:
+        # Cut out here, inputs are neither copied nor stored as residuals, as they are when reshaped up front.
+        part = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, start, length), inputs)
         # The lambda hides what `step` closes over: bound methods of modules with traced leaves have no hash.
-        return jax.lax.scan(lambda s, x: step(s, x), state, inputs)
+        return jax.lax.scan(lambda s, x: step(s, x), state, part)
 
-    whole = jax.tree.map(lambda x: x[: segments * length].reshape(segments, length, *x.shape[1:]), inputs)
-    rest = jax.tree.map(lambda x: x[segments * length :], inputs)
-    state, outputs = jax.lax.scan(body, state, whole)
+    starts = jnp.arange(segments) * length
+    state, outputs = jax.lax.scan(lambda s, start: run(s, start, length), state, starts)
     outputs = jax.tree.map(lambda y: y.reshape(segments * length, *y.shape[2:]), outputs)
     if segments * length == steps:
         return state, outputs
-    state, tail = body(state, rest)
+    state, tail = run(state, segments * length, steps - segments * length)
     return state, jax.tree.map(lambda a, b: jnp.concatenate([a, b]), outputs, tail)
 
 
-def map_lanes(function: Callable[..., PyTree], *lanes: PyTree, chunk: int = LANES_PER_CHUNK) -> PyTree:
+def map_lanes(
+    function: Callable[..., PyTree], lanes: PyTree, shared: PyTree = None, *, chunk: int = LANES_PER_CHUNK
+) -> PyTree:
     """Apply `function` to every lane: `vmap` in chunks, the chunks shared out over all local devices.
 
     A batch that outgrows the cache makes every step wait for memory; chunks of 32 to 256 lanes do not. Lanes
     are padded to whole chunks by repeating the last one, so results do not depend on how many there are.
 
     Args:
-        function: takes one lane of each argument; pure.
-        *lanes: pytrees whose arrays have one common leading lane axis.
+        function: (lane, shared) -> results; pure.
+        lanes: a pytree whose arrays have one common leading lane axis.
+        shared: a pytree that every lane sees whole.
         chunk: lanes evaluated at a time on a device. 1 ≤ chunk.
 
     Returns:
         What `function` returns, with a leading lane axis.
+
+    Raises:
+        ValueError: `lanes` has no array, unequal lengths or no lane, or `chunk` is below 1.
     """
-    (count,) = {leaf.shape[0] for leaf in jax.tree.leaves(lanes)}
+    count = _common_length("lanes", lanes)
+    if count < 1 or chunk < 1:
+        raise ValueError(f"map_lanes needs at least one lane and a chunk of at least 1; got {count} and {chunk}")
     devices = jax.local_devices()
     used = min(len(devices), count)
     chunk = min(chunk, math.ceil(count / used))
@@ -88,11 +94,20 @@ def map_lanes(function: Callable[..., PyTree], *lanes: PyTree, chunk: int = LANE
     def pad(x: jax.Array) -> jax.Array:
         return jnp.concatenate([x, jnp.repeat(x[-1:], padded - count, axis=0)]) if padded > count else x
 
-    def share(arguments: PyTree) -> PyTree:
-        return jax.lax.map(lambda one: function(*one), arguments, batch_size=chunk)
+    def share(own: PyTree, common: PyTree) -> PyTree:
+        return jax.lax.map(lambda lane: function(lane, common), own, batch_size=chunk)
 
     mesh = Mesh(np.asarray(devices[:used]), ("lane",))
-    spec = PartitionSpec("lane")
-    spread = jax.shard_map(share, mesh=mesh, in_specs=(spec,), out_specs=spec, check_vma=False)
-    results = spread(jax.tree.map(pad, lanes))
+    own, common = PartitionSpec("lane"), PartitionSpec()
+    spread = jax.shard_map(share, mesh=mesh, in_specs=(own, common), out_specs=own, check_vma=False)
+    results = spread(jax.tree.map(pad, lanes), shared)
     return jax.tree.map(lambda y: y[:count], results)
+
+
+def _common_length(name: str, tree: PyTree) -> int:
+    lengths = {jnp.shape(leaf)[:1] for leaf in jax.tree.leaves(tree)}
+    if len(lengths) != 1 or () in lengths:
+        found = ", ".join(str(*length) or "a scalar" for length in sorted(lengths)) or "no array"
+        raise ValueError(f"{name} need one leading length; got {found}")
+    ((length,),) = lengths
+    return length

@@ -98,7 +98,8 @@ def estimate(
 
     answer = estimate_recording(loaded, table)
     write_table(output, answer.columns)
-    picture = save(draw_estimate(answer, table, title=Path(table.source).name), output.with_suffix(".png"))
+    title = ", ".join([Path(table.source).name, *chosen.values()])
+    picture = save(draw_estimate(answer, table, title=title), output.with_suffix(".png"))
     emit(
         {"estimate": output, "picture": picture, "notes": list(table.notes), **answer.summary},
         as_json=as_json,

@@ -77,7 +77,7 @@ def sweep(
         quiet=quiet,
         text=lambda: "\n".join(
             [
-                f"{planned.grid.configurations} configurations × {planned.scenarios} scenarios; MSREP [%], best five:",
+                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean MSREP [%]:",
                 table(list(rows[0]), [list(row.values()) for row in rows[:5]]),
                 f"wrote {folder / 'results.parquet'} and {picture}",
             ]
@@ -92,7 +92,8 @@ def _print_forecast(forecast: Any, *, as_json: bool, quiet: bool) -> None:
         asdict(forecast),
         as_json=as_json,
         quiet=quiet,
-        text=f"{forecast.configurations} configurations × {forecast.scenarios} scenarios in {forecast.chunks} chunks\n"
+        text=f"{forecast.configurations} configurations × {forecast.scenarios} scenarios, "
+        f"{forecast.chunks} chunks\n"
         f"memory {forecast.memory / 2**30:.2f} GiB, compile {forecast.compile_time:.1f} s, "
         f"run {forecast.run_time:.1f} s (from one timed chunk; nothing written)",
     )
@@ -176,7 +177,7 @@ def tune(
                 [
                     "start",
                     *(p.removeprefix("estimator.") for p in search.space.paths),
-                    "train MSREP %",
+                    f"train {loaded.tune.objective} %",
                     "steps",
                     "ended",
                 ],

@@ -33,12 +33,12 @@ def _signed_remainder(x: Float[Array, ...], half_turns: Float[Array, ...]) -> Fl
 
 
 def sin(x: Float[Array, ...]) -> Float[Array, ...]:
-    """Return the sine of `x` [rad], to 1 ulp of 1 for |x| below 10⁶."""
+    """Return the sine of `x` [rad], to 1.5 ulp of 1 for |x| below 10⁶."""
     return _sine_polynomial(_signed_remainder(x, jnp.round(x * (1.0 / math.pi))))
 
 
 def cos(x: Float[Array, ...]) -> Float[Array, ...]:
-    """Return the cosine of `x` [rad], to 1 ulp of 1 for |x| below 10⁶."""
+    """Return the cosine of `x` [rad], to 1.5 ulp of 1 for |x| below 10⁶."""
     # cos x = sin(π/2 − |x|) loses digits for large x; reduce by odd quarter turns instead.
     half_turns = jnp.floor(x * (1.0 / math.pi))
     centred = (x - (half_turns + 0.5) * _PI_HIGH) - (half_turns + 0.5) * _PI_LOW

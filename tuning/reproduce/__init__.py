@@ -1,0 +1,18 @@
+"""The papers' tables and figures, computed and judged; one module a paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tuning.reproduce import serial
+from tuning.reproduce.report import Report, Row
+
+__all__ = ["Report", "Row", "reproduce_paper"]
+
+_PAPERS = {"serial": serial.reproduce}
+
+
+def reproduce_paper(paper: str, folder: Path | None) -> list[Report]:
+    """Reproduce one paper, or all; figures go to `folder`, or nowhere if it is `None`."""
+    chosen = _PAPERS if paper == "all" else {paper: _PAPERS[paper]}
+    return [run(None if folder is None else folder / name) for name, run in chosen.items()]
