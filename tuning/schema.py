@@ -15,7 +15,7 @@ from tuning.errors import InputError, Mistake, input_error
 class Table(pydantic.BaseModel):
     """A TOML table: unknown keys and non-finite numbers are mistakes; values are never changed later."""
 
-    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 def read_text(path: Path) -> str:

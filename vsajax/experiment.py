@@ -5,10 +5,9 @@ This is the only module that knows plants and estimators. Everything here is unb
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
@@ -17,7 +16,7 @@ from vsajax.estimators import AbstractEstimator
 from vsajax.metrics import Scorer, Scores, ScoreState
 from vsajax.plants import AbstractJoint, Motion, Torques
 from vsajax.sensing import Clock, Excitation, SensorSuite
-from vsajax.types import Estimate, Recording, Sample, Scalar, Series
+from vsajax.types import Estimate, Recording, Scalar, Series
 
 
 class Bench(eqx.Module):
@@ -76,9 +75,8 @@ def estimate(estimator: AbstractEstimator, recording: Recording, *, segment: int
         MissingSignalError: the recording lacks a signal that the estimator needs.
         PrecisionError: double precision is off.
     """
-    samples = recording.samples()
-    start = estimator.init(jax.tree.map(lambda x: x[0], samples))
-    return rollout.scan(estimator.step, start, samples, segment=segment)[1]
+    prepared = estimator.offline(recording.samples())
+    return rollout.scan(prepared.step, prepared.state, prepared.inputs, segment=segment)[1]
 
 
 def score(estimator: AbstractEstimator, recording: Recording, stiffness: Series, *, scorer: Scorer) -> Scores:
@@ -90,17 +88,16 @@ def score(estimator: AbstractEstimator, recording: Recording, stiffness: Series,
         stiffness: the true stiffness at the same instants [N·m/rad].
         scorer: what to count.
     """
-    samples = recording.samples()
-    start = (estimator.init(jax.tree.map(lambda x: x[0], samples)), scorer.init())
+    prepared = estimator.offline(recording.samples())
 
-    def step(state: tuple, inputs: tuple[Sample, Scalar, Scalar]) -> tuple[tuple, None]:
+    def step(state: tuple[Any, ScoreState], inputs: tuple[Any, Scalar, Scalar]) -> tuple[Any, None]:
         running, counted = state
-        sample, time, true_stiffness = inputs
-        running, answer = estimator.step(running, sample)
+        one, time, true_stiffness = inputs
+        running, answer = prepared.step(running, one)
         return (running, scorer.step(counted, time, true_stiffness, answer)), None
 
-    last: tuple[object, ScoreState] = rollout.scan(step, start, (samples, recording.time, stiffness))[0]
-    return scorer.scores(last[1])
+    start, inputs = (prepared.state, scorer.init()), (prepared.inputs, recording.time, stiffness)
+    return scorer.scores(rollout.scan(step, start, inputs)[0][1])
 
 
 def score_estimate(time: Series, stiffness: Series, answer: Estimate, *, scorer: Scorer) -> Scores:

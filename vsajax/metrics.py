@@ -33,17 +33,17 @@ class Scores(NamedTuple):
         diverged: 1 if any estimate was not finite, else 0.
     """
 
-    mse: Float[Array, ...]
-    msrep: Float[Array, ...]
-    mse_settled: Float[Array, ...]
-    msrep_settled: Float[Array, ...]
-    convergence_time: Float[Array, ...]
-    max_relative_error: Float[Array, ...]
-    coverage: Float[Array, ...]
-    known_time: Float[Array, ...]
-    known_share: Float[Array, ...]
-    near_zero_share: Float[Array, ...]
-    diverged: Float[Array, ...]
+    mse: Float[Array, "..."]
+    msrep: Float[Array, "..."]
+    mse_settled: Float[Array, "..."]
+    msrep_settled: Float[Array, "..."]
+    convergence_time: Float[Array, "..."]
+    max_relative_error: Float[Array, "..."]
+    coverage: Float[Array, "..."]
+    known_time: Float[Array, "..."]
+    known_share: Float[Array, "..."]
+    near_zero_share: Float[Array, "..."]
+    diverged: Float[Array, "..."]
 
 
 class ScoreState(NamedTuple):
@@ -87,7 +87,7 @@ class Scorer(eqx.Module):
         never = jnp.full_like(zero, jnp.inf)
         return ScoreState(*(zero,) * 15)._replace(last_outside=-never, known_time=never, last_time=-never)
 
-    def relative_error(self, stiffness: Float[Array, ...], estimate: Float[Array, ...]) -> Float[Array, ...]:
+    def relative_error(self, stiffness: Float[Array, "..."], estimate: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return (σ − σ̂)/σ, and 0 where |σ| does not exceed the floor."""
         is_near_zero = jnp.abs(stiffness) <= self.stiffness_floor
         return safe_divide(stiffness - estimate, jnp.where(is_near_zero, 0.0, stiffness))

@@ -54,6 +54,10 @@ class Sample(NamedTuple):
         motor_torque: principal motor, on the motor axis [N·m].
         elastic_torque: joint torque sensor [N·m].
         deflection: link minus motor position, where it is measured by itself [rad].
+        motor1_position: first motor of an antagonistic pair [rad].
+        motor2_position: second motor [rad].
+        motor1_torque: [N·m].
+        motor2_torque: [N·m].
     """
 
     dt: Scalar
@@ -63,6 +67,19 @@ class Sample(NamedTuple):
     motor_torque: Scalar | None = None
     elastic_torque: Scalar | None = None
     deflection: Scalar | None = None
+    motor1_position: Scalar | None = None
+    motor2_position: Scalar | None = None
+    motor1_torque: Scalar | None = None
+    motor2_torque: Scalar | None = None
+
+    def side(self, number: int) -> Sample:
+        """Return what one transmission of an antagonistic pair sees; `number` is 1 or 2."""
+        return Sample(
+            self.dt,
+            self.link_position,
+            motor_position=getattr(self, f"motor{number}_position"),
+            motor_torque=getattr(self, f"motor{number}_torque"),
+        )
 
     def read(self, name: str) -> Scalar:
         """Return a signal.
@@ -90,6 +107,10 @@ class Recording(NamedTuple):
     motor_torque: Series | None = None
     elastic_torque: Series | None = None
     deflection: Series | None = None
+    motor1_position: Series | None = None
+    motor2_position: Series | None = None
+    motor1_torque: Series | None = None
+    motor2_torque: Series | None = None
 
     def samples(self) -> Sample:
         """Return the recording as a `Sample` whose leaves have a leading time axis."""
@@ -111,10 +132,10 @@ class Signals(NamedTuple):
         stability_factor: a(k) of the recursive fit, dimensionless.
     """
 
-    deflection: Float[Array, ...]
-    torque: Float[Array, ...]
-    motor_velocity: Float[Array, ...]
-    stability_factor: Float[Array, ...]
+    deflection: Float[Array, "..."]
+    torque: Float[Array, "..."]
+    motor_velocity: Float[Array, "..."]
+    stability_factor: Float[Array, "..."]
 
 
 class Estimate(NamedTuple):
@@ -126,10 +147,12 @@ class Estimate(NamedTuple):
         elastic_torque: torque of the fitted characteristic at the present deflection [N·m].
         known: whether the excitation so far is enough to believe the stiffness.
         signals: the signals behind the answer.
+        sides: of an antagonistic pair, the estimates of its two transmissions; their stiffnesses add up.
     """
 
-    stiffness: Float[Array, ...]
-    stiffness_std: Float[Array, ...]
-    elastic_torque: Float[Array, ...]
-    known: Bool[Array, ...]
+    stiffness: Float[Array, "..."]
+    stiffness_std: Float[Array, "..."]
+    elastic_torque: Float[Array, "..."]
+    known: Bool[Array, "..."]
     signals: Signals
+    sides: tuple[Estimate, ...] = ()

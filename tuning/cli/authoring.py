@@ -12,8 +12,9 @@ from tuning.cli.options import JSON, QUIET, SETTINGS, STUDY, emit
 @click.command(epilog="Example: vsajax init serial study.toml")
 @click.argument("kind")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
+@JSON
 @QUIET
-def init(kind: str, file: Path | None, quiet: bool) -> None:
+def init(kind: str, file: Path | None, as_json: bool, quiet: bool) -> None:
     """Write a commented study of KIND (serial, sea) that runs as it is, to FILE or KIND.toml."""
     from tuning.errors import input_error
     from tuning.resources import example_path
@@ -24,8 +25,7 @@ def init(kind: str, file: Path | None, quiet: bool) -> None:
     if target.exists():
         raise input_error(target, "exists already", "name another file, or remove it first")
     write_text(target, example.read_text(encoding="utf-8"))
-    if not quiet:
-        click.echo(f"wrote {target}; try: vsajax check {target}")
+    emit({"study": target}, as_json=as_json, quiet=quiet, text=f"wrote {target}; try: vsajax check {target}")
 
 
 @click.command(epilog="Example: vsajax check study.toml --set estimator.fit.prior_scale=0.1")

@@ -50,7 +50,7 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     shown = Table(*headers, box=None, pad_edge=False, header_style="bold")
     for row in rows:
         shown.add_row(*(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row))
-    console = Console(width=160)
+    console = Console(width=240)
     with console.capture() as capture:
         console.print(shown)
     return "\n".join(line.rstrip() for line in capture.get().splitlines())

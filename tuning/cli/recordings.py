@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tuning.cli.options import JSON, QUIET, SEED, SETTINGS, STUDY, emit, output_file, with_seed
+
+if TYPE_CHECKING:
+    from tuning.logs import RecordingTable
+    from tuning.study import Config
 
 
 @click.command(epilog="Example: vsajax simulate study.toml -o rec.parquet")
@@ -89,6 +94,7 @@ def estimate(
     loaded = load_config(config, settings)
     table_suffix(output)
     table = read_recording(recording, map_path, kind=loaded.kind, select=chosen or None)
+    _require_signals(loaded, table)
     from tuning.runtime import start_jax
 
     start_jax()
@@ -108,3 +114,16 @@ def estimate(
             [*(f"note: {note}" for note in table.notes), *answer.sentences, f"wrote {output} and {picture}"]
         ),
     )
+
+
+def _require_signals(config: Config, table: RecordingTable) -> None:
+    """Refuse a recording without the signals that the estimator reads, before jax is waited for."""
+    from tuning.errors import InputError, Mistake
+
+    fix = "record or map it, or choose another estimator.torque, deflection or basis"
+    lacking = sorted(config.estimator.needs - table.columns.keys())
+    if lacking:
+        places = (f"{table.source}: {name}" for name in lacking)
+        raise InputError(
+            *(Mistake(place, "is missing, but the estimator needs this signal", fix) for place in places)
+        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
@@ -51,7 +50,7 @@ def reproduce(paper: str, folder: Path | None, as_json: bool, quiet: bool) -> No
     result = {"study": paper, "ok": ok, "rows": rows, "figures": [str(f) for r in reports for f in r.figures]}
     emit(result, as_json=as_json, quiet=quiet, text=text)
     if not ok:
-        sys.exit(1)
+        raise click.exceptions.Exit(1)
 
 
 @click.command(epilog="Example: vsajax export runs/t/best.toml --to json -o deploy")
@@ -72,4 +71,4 @@ def export(config: Path, target: str, folder: Path, as_json: bool, quiet: bool) 
         text="\n".join([*(f"wrote {path}" for path in exported.files), f"check: {exported.check}"]),
     )
     if not exported.ok:
-        sys.exit(1)
+        raise click.exceptions.Exit(1)

@@ -52,6 +52,8 @@ class KinematicKalman(Part):
     type: Literal["kalman"]
     acceleration_variance: Positive
     reading_variance: Positive
+    start_position_variance: Positive = 10.0
+    start_velocity_variance: Positive = 1.0
 
 
 class ModifiedKinematicKalman(Part):
@@ -64,6 +66,8 @@ class ModifiedKinematicKalman(Part):
     fast_variance: Positive = 0.1
     sharpness: Positive = 6.0
     counts_per_revolution: Positive = 40000.0
+    start_position_variance: Positive = 10.0
+    start_velocity_variance: Positive = 1.0
     scaling: Literal["counts", "printed"] = "counts"
 
 

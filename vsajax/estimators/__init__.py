@@ -1,13 +1,16 @@
 """Online estimators of joint stiffness; they know recordings, never plants."""
 
-from vsajax.estimators.base import AbstractEstimator
+from vsajax.estimators.algebraic import AlgebraicObserver
+from vsajax.estimators.base import AbstractEstimator, Prepared
 from vsajax.estimators.bases import (
     AbstractBasis,
     Legendre,
     Polynomial,
     SeparableOddPolynomial,
+    Taylor,
 )
 from vsajax.estimators.gate import ExcitationGate
+from vsajax.estimators.pair import AntagonisticPair
 from vsajax.estimators.rls import (
     AbstractGainLaw,
     ConstantFactor,
@@ -37,6 +40,8 @@ __all__ = [
     "AbstractGainLaw",
     "AbstractTorqueSource",
     "AbstractVelocityFilter",
+    "AlgebraicObserver",
+    "AntagonisticPair",
     "ConstantFactor",
     "EnhancedFactor",
     "ExcitationGate",
@@ -48,10 +53,12 @@ __all__ = [
     "ModelTorque",
     "ModifiedKinematicKalman",
     "Polynomial",
+    "Prepared",
     "RecursiveLeastSquares",
     "ResidualTorque",
     "SensorTorque",
     "SeparableOddPolynomial",
     "StiffnessEstimator",
+    "Taylor",
     "UnitFactor",
 ]

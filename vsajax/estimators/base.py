@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 
 from vsajax.types import Estimate, Sample
+
+
+class Prepared(NamedTuple):
+    """A whole recording made ready for a scan.
+
+    Args:
+        state: before the first sample.
+        inputs: with a leading time axis.
+        step: (state, input) -> (state, estimate).
+    """
+
+    state: Any
+    inputs: Any
+    step: Callable[[Any, Any], tuple[Any, Estimate]]
 
 
 class AbstractEstimator(eqx.Module):
     """An online estimator of joint stiffness.
 
-    The same `step` is the offline scan, the online filter and what is exported. It must not call LAPACK,
-    random numbers or the host.
+    `step` is the online filter and what is exported. It must not call LAPACK, random numbers or the host.
     """
 
     @property
@@ -29,3 +44,13 @@ class AbstractEstimator(eqx.Module):
     @abstractmethod
     def step(self, state: Any, sample: Sample) -> tuple[Any, Estimate]:
         """Process one sample; return (state, estimate)."""
+
+    def offline(self, samples: Sample) -> Prepared:
+        """Return the same filter over a whole recording, with what needs no recursion already done.
+
+        The estimates are those of `step`; an estimator whose step looks at many samples prepares them faster.
+
+        Args:
+            samples: leaves with a leading time axis.
+        """
+        return Prepared(self.init(jax.tree.map(lambda x: x[0], samples)), samples, self.step)

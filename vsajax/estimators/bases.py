@@ -5,6 +5,7 @@ Letters: F features with τ_e = Fᵀη, ∂F/∂φ their slopes with σ = (∂F/
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import Literal
 
@@ -126,6 +127,34 @@ class Polynomial(AbstractBasis):
         slopes = [jnp.zeros_like(deflection)]
         slopes += [e * powers[e - 1] / self.deflection_scale for e in range(1, self.order + 1)]
         return tuple(powers), tuple(slopes)
+
+
+class Taylor(AbstractBasis):
+    """φ, φ²/2!, …, φ^(order+1)/(order+1)!: a stiffness of the given Taylor order, (18) of Ménard, Grioli, Bicchi.
+
+    Args:
+        deflection_scale: φ is taken in this unit [rad].
+        order: k ≥ 0 of the stiffness; there are k + 1 features.
+    """
+
+    deflection_scale: Scalar = eqx.field(converter=as_leaf, default=1.0)
+    order: int = eqx.field(static=True, default=2)
+
+    @property
+    def size(self) -> int:
+        """Return order + 1."""
+        return self.order + 1
+
+    @property
+    def uses_setpoint(self) -> bool:
+        """Return False."""
+        return False
+
+    def __call__(self, setpoint: Scalar, deflection: Scalar) -> tuple[Vector, Vector]:
+        """Return the features and their slopes."""
+        powers = _powers(deflection / self.deflection_scale, self.order + 1)
+        terms = [power / math.factorial(i) for i, power in enumerate(powers)]
+        return tuple(terms[1:]), tuple(term / self.deflection_scale for term in terms[:-1])
 
 
 class Legendre(AbstractBasis):

@@ -66,14 +66,19 @@ class KinematicKalman(AbstractVelocityFilter):
     Args:
         acceleration_variance: V_a [rad²/s⁴].
         reading_variance: R [rad²]; only V_a/R matters once the start is forgotten.
+        start_position_variance: of the first reading [rad²].
+        start_velocity_variance: of rest at the start [rad²/s²].
     """
 
     acceleration_variance: Scalar = eqx.field(converter=as_leaf)
     reading_variance: Scalar = eqx.field(converter=as_leaf)
+    start_position_variance: Scalar = eqx.field(converter=as_leaf, default=10.0)
+    start_velocity_variance: Scalar = eqx.field(converter=as_leaf, default=1.0)
 
     def init(self, position: Scalar) -> KalmanState:
-        """Start at rest at the first reading, with covariance diag(10, 1)."""
-        return _start(position)
+        """Start at rest at the first reading."""
+        zero = jnp.zeros_like(position)
+        return KalmanState(position, zero, self.start_position_variance, zero, self.start_velocity_variance)
 
     def step(self, state: KalmanState, position: Scalar, dt: Scalar) -> tuple[KalmanState, tuple[Scalar, Scalar]]:
         """Predict over `dt`, correct with the reading."""
@@ -94,6 +99,8 @@ class ModifiedKinematicKalman(AbstractVelocityFilter):
         fast_variance: V_min, R at high speed [rad²].
         sharpness: α, dimensionless.
         counts_per_revolution: Δ of the encoder.
+        start_position_variance: of the first reading [rad²].
+        start_velocity_variance: of rest at the start [rad²/s²].
         scaling: "counts" (corrected) or "printed".
     """
 
@@ -102,11 +109,14 @@ class ModifiedKinematicKalman(AbstractVelocityFilter):
     fast_variance: Scalar = eqx.field(converter=as_leaf, default=0.1)
     sharpness: Scalar = eqx.field(converter=as_leaf, default=6.0)
     counts_per_revolution: Scalar = eqx.field(converter=as_leaf, default=40000.0)
+    start_position_variance: Scalar = eqx.field(converter=as_leaf, default=10.0)
+    start_velocity_variance: Scalar = eqx.field(converter=as_leaf, default=1.0)
     scaling: Literal["counts", "printed"] = eqx.field(static=True, default="counts")
 
     def init(self, position: Scalar) -> KalmanState:
-        """Start at rest at the first reading, with covariance diag(10, 1)."""
-        return _start(position)
+        """Start at rest at the first reading."""
+        zero = jnp.zeros_like(position)
+        return KalmanState(position, zero, self.start_position_variance, zero, self.start_velocity_variance)
 
     def step(self, state: KalmanState, position: Scalar, dt: Scalar) -> tuple[KalmanState, tuple[Scalar, Scalar]]:
         """Predict over `dt`, correct with the reading."""
@@ -117,11 +127,6 @@ class ModifiedKinematicKalman(AbstractVelocityFilter):
         variance = spread * logistic((scaled - 1.0) * self.sharpness) + self.fast_variance
         state = _predict_and_correct(state, position, dt, self.acceleration_variance, variance)
         return state, (state.position, state.velocity)
-
-
-def _start(position: Scalar) -> KalmanState:
-    zero = jnp.zeros_like(position)
-    return KalmanState(position, zero, zero + 10.0, zero, zero + 1.0)
 
 
 def _predict_and_correct(

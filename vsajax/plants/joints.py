@@ -21,9 +21,9 @@ from vsajax.types import Scalar, as_leaf
 class Torques(NamedTuple):
     """What drives a joint: torques on the motor axes, and from outside on the link [N·m]."""
 
-    motor: Float[Array, ...]
-    setpoint_motor: Float[Array, ...]
-    external: Float[Array, ...]
+    motor: Float[Array, "..."]
+    setpoint_motor: Float[Array, "..."]
+    external: Float[Array, "..."]
 
 
 class Motion(NamedTuple):
@@ -42,16 +42,16 @@ class Motion(NamedTuple):
         motor_torque: τ, on the motor axis [N·m].
     """
 
-    link_position: Float[Array, ...]
-    motor_position: Float[Array, ...]
-    setpoint_position: Float[Array, ...]
-    link_velocity: Float[Array, ...]
-    motor_velocity: Float[Array, ...]
-    setpoint_velocity: Float[Array, ...]
-    deflection: Float[Array, ...]
-    elastic_torque: Float[Array, ...]
-    stiffness: Float[Array, ...]
-    motor_torque: Float[Array, ...]
+    link_position: Float[Array, "..."]
+    motor_position: Float[Array, "..."]
+    setpoint_position: Float[Array, "..."]
+    link_velocity: Float[Array, "..."]
+    motor_velocity: Float[Array, "..."]
+    setpoint_velocity: Float[Array, "..."]
+    deflection: Float[Array, "..."]
+    elastic_torque: Float[Array, "..."]
+    stiffness: Float[Array, "..."]
+    motor_torque: Float[Array, "..."]
 
 
 class AbstractJoint(eqx.Module):
@@ -78,7 +78,7 @@ class AbstractJoint(eqx.Module):
         """Return every true quantity of the joint in `state`."""
 
     @abstractmethod
-    def fastest_rate(self, stiffness: Float[Array, ...]) -> Float[Array, ...]:
+    def fastest_rate(self, stiffness: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return the fastest rate that the step size must resolve at `stiffness` [rad/s]."""
 
 
@@ -137,7 +137,7 @@ class FlexibleJoint(AbstractJoint):
             torques,
         )
 
-    def fastest_rate(self, stiffness: Float[Array, ...]) -> Float[Array, ...]:
+    def fastest_rate(self, stiffness: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return the elastic mode's frequency, or the rate of dry friction where that is faster."""
         return _fastest_rate(self.link, (self.motor,), stiffness)
 
@@ -206,7 +206,7 @@ class SerialJoint(AbstractJoint):
         """Return every true quantity of the joint in `state`."""
         return _observe(self.spring, state, torques)
 
-    def fastest_rate(self, stiffness: Float[Array, ...]) -> Float[Array, ...]:
+    def fastest_rate(self, stiffness: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return the elastic mode's frequency, or the rate of dry friction where that is faster."""
         return _fastest_rate(self.link, (self.motor, self.setpoint_motor), stiffness)
 
@@ -237,7 +237,7 @@ def _observe(spring: AbstractSpring, state: MechanicalState, torques: Torques) -
     )
 
 
-def _fastest_rate(link: Link, motors: tuple[Motor, ...], stiffness: Float[Array, ...]) -> Float[Array, ...]:
+def _fastest_rate(link: Link, motors: tuple[Motor, ...], stiffness: Float[Array, "..."]) -> Float[Array, "..."]:
     principal = motors[0]
     compliance = 1.0 / link.inertia + 1.0 / (principal.inertia * principal.gear_ratio**2)
     rate = jnp.sqrt(jnp.abs(stiffness) * compliance)

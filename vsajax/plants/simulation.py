@@ -14,7 +14,7 @@ from vsajax.plants.splitting import MechanicalState, Propagator, propagator, spl
 def simulate(
     joint: AbstractJoint,
     torques: Torques,
-    sample_time: Float[Array, ...],
+    sample_time: Float[Array, "..."],
     *,
     substeps: int,
     segment: int | None = None,
@@ -39,7 +39,7 @@ def simulate(
     is_regular = step.ndim == 0
     if not is_regular:
         # The interval after the last sample leads nowhere; any value does.
-        def extend(x: Float[Array, ...]) -> Float[Array, ...]:
+        def extend(x: Float[Array, "..."]) -> Float[Array, "..."]:
             full = jnp.broadcast_to(x, step.shape)
             return jnp.concatenate([full, full[-1:]])
 

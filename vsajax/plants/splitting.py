@@ -41,18 +41,18 @@ class Propagator(NamedTuple):
         half_gains: gains over h/2, or `None`.
     """
 
-    step: Float[Array, ...]
-    decays: tuple[Float[Array, ...], ...]
-    gains: tuple[Float[Array, ...], ...]
-    travels: tuple[Float[Array, ...], ...]
-    half_decays: tuple[Float[Array, ...], ...] | None
-    half_gains: tuple[Float[Array, ...], ...] | None
+    step: Float[Array, "..."]
+    decays: tuple[Float[Array, "..."], ...]
+    gains: tuple[Float[Array, "..."], ...]
+    travels: tuple[Float[Array, "..."], ...]
+    half_decays: tuple[Float[Array, "..."], ...] | None
+    half_gains: tuple[Float[Array, "..."], ...] | None
 
 
 Accelerations = Callable[[tuple[Scalar, ...]], tuple[Scalar, ...]]
 
 
-def propagator(rates: tuple[Scalar, ...], step: Float[Array, ...], *, has_friction: bool) -> Propagator:
+def propagator(rates: tuple[Scalar, ...], step: Float[Array, "..."], *, has_friction: bool) -> Propagator:
     """Return the bodies' responses over `step` [s] for damping `rates` λ [1/s]."""
     decays, gains, travels = zip(*(damped_response(rate, step) for rate in rates), strict=True)
     if not has_friction:

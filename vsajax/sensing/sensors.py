@@ -92,6 +92,6 @@ class Clock(eqx.Module):
         jitter = jnp.clip(self.jitter_std * jax.random.normal(key, regular.shape), -limit, limit)
         return regular + jitter.at[0].set(0.0)
 
-    def intervals(self, time: Series) -> Float[Array, ...]:
+    def intervals(self, time: Series) -> Float[Array, "..."]:
         """Return T for a regular clock, else the intervals between `time`."""
         return jnp.asarray(self.sample_time) if self.jitter_std is None else jnp.diff(time)

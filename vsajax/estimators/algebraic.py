@@ -1,0 +1,228 @@
+"""The algebraic observer of Ménard, Grioli, Bicchi: the motor equation in weak form, then recursive least squares.
+
+Tested against −g′ over a moving window, the motor equation needs no velocity:
+
+    C(t) = ∫₀¹ [−J g‴ + T b g″] q du + T² ∫₀¹ g′ τ du = −T² ∫₀¹ g′ f(φ) du,
+
+so with f = Σ ηⱼ Fⱼ the windowed features Bⱼ = −T² ∫ g′ Fⱼ du regress C. Printed (16), (17), (20) have the opposite
+sign, (21) reads the window forwards, (26) and (28) flip it; see docs/antagonistic-joint.md. A geared motor enters
+with J = Bγ², b = Dγ² and γτ. Whatever the window says of the torque's constant part is lost: ∫ g′ = 0.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from vsajax.estimators import windows
+from vsajax.estimators.base import AbstractEstimator, Prepared
+from vsajax.estimators.bases import AbstractBasis
+from vsajax.estimators.gate import ExcitationGate, GateState
+from vsajax.estimators.rls import FitState, RecursiveLeastSquares
+from vsajax.estimators.velocity import AbstractVelocityFilter
+from vsajax.numerics import dot
+from vsajax.types import Estimate, Sample, Scalar, Signals, as_leaf
+
+
+class Regression(NamedTuple):
+    """One row of the regression, and the sample it belongs to.
+
+    Args:
+        sample: the newest sample of the window.
+        target: C.
+        features: B.
+        is_complete: whether the window lies within the recording, or may count as if it did.
+    """
+
+    sample: Sample
+    target: Float[Array, "..."]
+    features: tuple[Float[Array, "..."], ...]
+    is_complete: Float[Array, "..."]
+
+
+class FitStage(NamedTuple):
+    """State of all that follows the window."""
+
+    fit: FitState
+    gate: GateState
+    motor: Any
+    link: Any
+
+
+class RingState(NamedTuple):
+    """The samples in the window, newest first, and the number of samples so far."""
+
+    positions: Float[Array, " taps"]
+    torques: Float[Array, " taps"]
+    features: Float[Array, "taps d"]
+    seen: Scalar
+    stage: FitStage
+
+
+class AlgebraicObserver(AbstractEstimator):
+    """Windowed regression of one transmission; see the module.
+
+    Args:
+        motor_inertia: B, of the rotor [kg·m²].
+        motor_damping: D, on the motor axis [N·m·s/rad].
+        window: T [s]; real, and differentiable with product quadrature.
+        basis: features of the elastic torque.
+        fit: the recursive fit.
+        gear_ratio: γ.
+        gate: when the answer is known.
+        velocity: filters the positions at which stiffness is evaluated; `None` evaluates at the readings.
+        sample_time: T_s of the recordings [s]; they must be regular.
+        longest_window: for which the window's taps are laid out [s]; T must not exceed it.
+        quadrature: of the window; see `windows.impulse_response`.
+        weighting: "sample" gives each sample weight 1; "continuous" weight T_s, the exact discretisation of
+            (23)–(24) over a sample. "sample" with P(0) is "continuous" with P(0)/T_s.
+        scaling: "printed", the equation above; or "scale_free": both sides divided by T² ‖g′‖ and each sample
+            weighted T_s/T, so that a prior scale keeps its meaning when T, T_s or the basis' units change.
+        start: "window", the fit waits until the window is full; "zeros", as if all signals had been zero before;
+            "rest", as if they had been at their first values. Zeros are wrong for a joint that starts elsewhere.
+    """
+
+    motor_inertia: Scalar = eqx.field(converter=as_leaf)
+    motor_damping: Scalar = eqx.field(converter=as_leaf)
+    window: Scalar = eqx.field(converter=as_leaf)
+    basis: AbstractBasis
+    fit: RecursiveLeastSquares
+    gear_ratio: Scalar = eqx.field(converter=as_leaf, default=1.0)
+    gate: ExcitationGate = eqx.field(default_factory=ExcitationGate)
+    velocity: AbstractVelocityFilter | None = None
+    sample_time: float = eqx.field(static=True, default=1e-3)
+    longest_window: float = eqx.field(static=True, default=1.0)
+    quadrature: windows.Quadrature = eqx.field(static=True, default="product")
+    weighting: Literal["sample", "continuous"] = eqx.field(static=True, default="sample")
+    scaling: Literal["printed", "scale_free"] = eqx.field(static=True, default="printed")
+    start: Literal["window", "zeros", "rest"] = eqx.field(static=True, default="window")
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Names of the signals that a recording must have."""
+        setpoint = {"setpoint_position"} if self.basis.uses_setpoint else set()
+        return frozenset({"link_position", "motor_position", "motor_torque"} | setpoint)
+
+    @property
+    def taps(self) -> int:
+        """Number of samples in the longest window."""
+        return windows.taps_of(self.longest_window, self.sample_time)
+
+    def init(self, sample: Sample) -> RingState:
+        """Return the state before the first sample, which `step` then processes as any other."""
+        position, torque, features = self._signals(sample)
+        held = 1.0 if self.start == "rest" else 0.0
+        full = jnp.ones(self.taps)
+        return RingState(
+            held * position * full,
+            held * torque * full,
+            held * full[:, None] * jnp.stack(features),
+            jnp.zeros_like(position),
+            self._start(sample),
+        )
+
+    def step(self, state: RingState, sample: Sample) -> tuple[RingState, Estimate]:
+        """Process one sample; return (state, estimate)."""
+        position, torque, features = self._signals(sample)
+        positions = _push(state.positions, position)
+        torques = _push(state.torques, torque)
+        rows = _push(state.features, jnp.stack(features))
+        on_position, on_torque, on_features = self._responses()
+        seen = state.seen + 1.0
+        regression = Regression(
+            sample,
+            jnp.sum(on_position * positions) + jnp.sum(on_torque * torques),
+            tuple(jnp.sum(on_features * rows[:, j]) for j in range(self.basis.size)),
+            self._is_complete(seen),
+        )
+        stage, estimate = self._fit(state.stage, regression)
+        return RingState(positions, torques, rows, seen, stage), estimate
+
+    def offline(self, samples: Sample) -> Prepared:
+        """Return the regression of a whole recording, its windows taken by fast convolution."""
+        position, torque, features = jax.vmap(self._signals)(samples)
+        on_position, on_torque, on_features = self._responses()
+
+        def windowed(response: Array, signal: Array) -> Array:
+            # The kernels' integrals vanish: with zeros before, a signal less its first value is one at rest.
+            return windows.convolve(response, signal - signal[0] if self.start == "rest" else signal)
+
+        count = jnp.arange(1, position.shape[0] + 1, dtype=position.dtype)
+        rows = Regression(
+            samples,
+            windowed(on_position, position) + windowed(on_torque, torque),
+            tuple(windowed(on_features, feature) for feature in features),
+            self._is_complete(count),
+        )
+        return Prepared(self._start(jax.tree.map(lambda x: x[0], samples)), rows, self._fit)
+
+    def _signals(self, sample: Sample) -> tuple[Scalar, Scalar, tuple[Scalar, ...]]:
+        """Return the joint-side motor position and torque, and the features."""
+        position = sample.read("motor_position")
+        deflection = sample.read("link_position") - position
+        setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
+        return position, self.gear_ratio * sample.read("motor_torque"), self.basis(setpoint, deflection)[0]
+
+    def _responses(self) -> tuple[Array, Array, Array]:
+        """Return the filters of position, torque and features."""
+        first, second, third = (
+            windows.impulse_response(
+                kernel, self.window, sample_time=self.sample_time, taps=self.taps, quadrature=self.quadrature
+            )
+            for kernel in (windows.FIRST, windows.SECOND, windows.THIRD)
+        )
+        square = self.gear_ratio**2
+        on_position = square * (self.window * self.motor_damping * second - self.motor_inertia * third)
+        on_torque = self.window**2 * first
+        scale = 1.0 / (self.window**2 * windows.FIRST_NORM) if self.scaling == "scale_free" else 1.0
+        return scale * on_position, scale * on_torque, -scale * on_torque
+
+    def _is_complete(self, count: Array) -> Array:
+        if self.start != "window":
+            return jnp.ones_like(count)
+        # A sample at exactly t = T completes the window; the margin absorbs rounding of T/T_s.
+        return ((count - 1.0) * self.sample_time >= self.window - 1e-9) * jnp.ones_like(count)
+
+    def _start(self, sample: Sample) -> FitStage:
+        position, link = sample.read("motor_position"), sample.read("link_position")
+        return FitStage(
+            fit=self.fit.init(self.basis.size),
+            gate=self.gate.init(link - position),
+            motor=None if self.velocity is None else self.velocity.init(position),
+            link=None if self.velocity is None else self.velocity.init(link),
+        )
+
+    def _fit(self, state: FitStage, row: Regression) -> tuple[FitStage, Estimate]:
+        sample = row.sample
+        motor, link = state.motor, state.link
+        position, link_position = sample.read("motor_position"), sample.read("link_position")
+        velocity = jnp.zeros_like(position)
+        if self.velocity is not None:
+            motor, (position, velocity) = self.velocity.step(motor, position, sample.dt)
+            link, (link_position, _) = self.velocity.step(link, link_position, sample.dt)
+        deflection = link_position - position
+        weight = row.is_complete
+        if self.scaling == "scale_free":
+            weight = weight * jnp.sqrt(self.sample_time / self.window)
+        elif self.weighting == "continuous":
+            weight = weight * jnp.sqrt(self.sample_time)
+        fit, factor = self.fit.step(
+            state.fit, tuple(weight * feature for feature in row.features), weight * row.target
+        )
+        setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
+        features, slopes = self.basis(setpoint, deflection)
+        stiffness = dot(slopes, fit.coefficients)
+        std = jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0))
+        gate, known = self.gate.step(state.gate, deflection, stiffness, std)
+        torque = dot(features, fit.coefficients)
+        known = known & (row.is_complete > 0.0)
+        estimate = Estimate(stiffness, std, torque, known, Signals(deflection, torque, velocity, factor))
+        return FitStage(fit, gate, motor, link), estimate
+
+
+def _push(buffer: Array, newest: Array) -> Array:
+    return jnp.concatenate([newest[None], buffer[:-1]])

@@ -1,0 +1,73 @@
+"""Two transmissions that pull against each other, each with an estimator of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from vsajax.estimators.base import AbstractEstimator, Prepared
+from vsajax.types import Estimate, Sample
+
+_POSITION, _TORQUE = "motor_position", "motor_torque"
+
+
+class AntagonisticPair(AbstractEstimator):
+    """The stiffness of an agonist-antagonist joint: the sum of its two transmissions' stiffnesses.
+
+    The estimators work on the motor sides, so each needs only its own motor and the link.
+
+    Args:
+        side: the estimator of the first transmission, and of the second unless `other` is given.
+        other: the estimator of the second transmission where the motors differ.
+    """
+
+    side: AbstractEstimator
+    other: AbstractEstimator | None = None
+
+    @property
+    def both(self) -> tuple[AbstractEstimator, AbstractEstimator]:
+        """The estimators of the two sides."""
+        return self.side, self.side if self.other is None else self.other
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Names of the signals that a recording must have."""
+        names = set()
+        for number, estimator in enumerate(self.both, 1):
+            for name in estimator.needs:
+                names.add(name.replace("motor_", f"motor{number}_") if name in (_POSITION, _TORQUE) else name)
+        return frozenset(names)
+
+    def init(self, sample: Sample) -> tuple[Any, Any]:
+        """Return both states before the first sample."""
+        first, second = self.both
+        return first.init(sample.side(1)), second.init(sample.side(2))
+
+    def step(self, state: tuple[Any, Any], sample: Sample) -> tuple[tuple[Any, Any], Estimate]:
+        """Process one sample on both sides; return (states, sum)."""
+        stepped = [e.step(s, sample.side(n)) for n, (e, s) in enumerate(zip(self.both, state, strict=True), 1)]
+        return (stepped[0][0], stepped[1][0]), _sum(stepped[0][1], stepped[1][1])
+
+    def offline(self, samples: Sample) -> Prepared:
+        """Return both sides over a whole recording."""
+        first, second = (e.offline(samples.side(n)) for n, e in enumerate(self.both, 1))
+
+        def step(state: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[tuple[Any, Any], Estimate]:
+            left, one = first.step(state[0], inputs[0])
+            right, two = second.step(state[1], inputs[1])
+            return (left, right), _sum(one, two)
+
+        return Prepared((first.state, second.state), (first.inputs, second.inputs), step)
+
+
+def _sum(first: Estimate, second: Estimate) -> Estimate:
+    return Estimate(
+        stiffness=first.stiffness + second.stiffness,
+        # The sides share the link encoder, but torque noise, which dominates, is their own.
+        stiffness_std=jnp.hypot(first.stiffness_std, second.stiffness_std),
+        elastic_torque=first.elastic_torque + second.elastic_torque,
+        known=first.known & second.known,
+        signals=first.signals,
+        sides=(first, second),
+    )
