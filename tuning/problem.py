@@ -64,7 +64,7 @@ class Problem:
         if self.study.substeps is not None:
             return self.study.substeps
         joint, sample_time = self.bench.joint, self.study.clock.sample_time
-        start = joint.observe(joint.rest(), plants.Torques(*(jnp.zeros(()),) * 3))
+        start = joint.observe(joint.rest(), plants.Torques.none())
         substeps = plants.substeps_for(float(joint.fastest_rate(start.stiffness)), sample_time)
         while True:
             # The stiffness along the way is only known once simulated; a stiffer moment asks for finer steps.
@@ -88,9 +88,11 @@ class Problem:
     @cached_property
     def shared_truth(self) -> Truth | None:
         """The motion that every scenario sees, or `None` where they differ."""
+        # Chosen ahead of any program: while one is traced, no motion can be run to choose it.
+        substeps = self.substeps
         if not self.shares_motion:
             return None
-        return self._simulate_motion(self.bench, jax.random.key(0), self.substeps)
+        return self._simulate_motion(self.bench, jax.random.key(0), substeps)
 
     def record(
         self, bench: Bench, key: Key[Array, ""], shared: Truth | None

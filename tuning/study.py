@@ -97,6 +97,7 @@ class SeaStudy(Study):
 
 
 _STUDIES: dict[str, type[Study]] = {"serial": SerialStudy, "sea": SeaStudy}
+_ONLY_IN_STUDIES = {"joint", *Study.model_fields} - set(Config.model_fields)
 
 
 def load_study(path: Path, settings: Sequence[str] = ()) -> Study:
@@ -115,7 +116,7 @@ def load_config(path: Path, settings: Sequence[str] = ()) -> Config:
         InputError: lists every mistake with its path.
     """
     data = _with_settings(read_toml(path), settings)
-    if "joint" in data:
+    if data.keys() & _ONLY_IN_STUDIES:
         return parse_study(data, str(path))
     _check_kind(data, str(path))
     return validate(Config, data, str(path))

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Key
 from vsajax import plants, rollout
 from vsajax.estimators import AbstractEstimator
 from vsajax.metrics import Scorer, Scores, ScoreState
-from vsajax.plants import AbstractJoint, Motion, Torques
+from vsajax.plants import AbstractJoint, Torques
 from vsajax.sensing import Clock, Excitation, SensorSuite
 from vsajax.types import Estimate, Recording, Scalar, Series
 
@@ -35,10 +35,10 @@ class Bench(eqx.Module):
 
 
 class Truth(NamedTuple):
-    """A simulated motion and when it was sampled [s]."""
+    """A simulated motion, as the joint's `observe` returns it, and when it was sampled [s]."""
 
     time: Series
-    motion: Motion
+    motion: Any
 
 
 def simulate(bench: Bench, *, key: Key[Array, ""], substeps: int) -> Truth:
@@ -50,8 +50,17 @@ def simulate(bench: Bench, *, key: Key[Array, ""], substeps: int) -> Truth:
         substeps: integration steps a sample, see `plants.substeps_for`.
     """
     time = bench.clock.times(key=key)
-    torques = Torques(*bench.excitation.torques(time))
-    motion = plants.simulate(bench.joint, torques, bench.clock.intervals(time), substeps=substeps)
+    intervals = bench.clock.intervals(time)
+    # The step after the last sample leads nowhere; its torques may be any.
+    steps = jnp.concatenate([jnp.diff(time), jnp.diff(time)[-1:]])
+    middles = time[:, None] + steps[:, None] * (jnp.arange(substeps) + 0.5) / substeps
+    motion = plants.simulate(
+        bench.joint,
+        Torques(*bench.excitation.torques(time)),
+        intervals,
+        substeps=substeps,
+        midway=Torques(*bench.excitation.torques(middles)),
+    )
     return Truth(time, motion)
 
 

@@ -19,7 +19,15 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from vsajax.numerics import Rows, combine_rows, dot, quadratic_form, rank_one_downdate, scaled_identity
+from vsajax.numerics import (
+    Rows,
+    combine_rows,
+    dot,
+    quadratic_form,
+    rank_one_downdate,
+    scaled_identity,
+    scaled_symmetric_part,
+)
 from vsajax.types import Scalar, as_leaf, require_float64
 
 
@@ -28,12 +36,12 @@ class Step(NamedTuple):
 
     Args:
         factor: a.
-        inflation: what P is multiplied by after the sample, 1/λ when forgetting.
+        inflation: what P is multiplied by after the sample, 1/λ when forgetting; `None` where nothing is forgotten.
         spread: the innovation's variance in units of the noise variance, 1 + ρ in the posterior's own scale.
     """
 
     factor: Scalar
-    inflation: Scalar
+    inflation: Scalar | None
     spread: Scalar
 
 
@@ -58,7 +66,7 @@ class UnitFactor(AbstractGainLaw):
 
     def __call__(self, leverage: Scalar) -> Step:
         """Return a = 1, no inflation."""
-        return Step(jnp.ones_like(leverage), jnp.ones_like(leverage), 1.0 + leverage)
+        return Step(jnp.ones_like(leverage), None, 1.0 + leverage)
 
     def posterior_scale(self) -> Scalar:
         """P is the posterior covariance itself."""
@@ -81,7 +89,7 @@ class EnhancedFactor(AbstractGainLaw):
     def __call__(self, leverage: Scalar) -> Step:
         """Return a(k), no inflation."""
         scaled = self.constant * leverage
-        return Step((self.constant + scaled) / (1.0 + scaled), jnp.ones_like(leverage), 1.0 + scaled)
+        return Step((self.constant + scaled) / (1.0 + scaled), None, 1.0 + scaled)
 
     def posterior_scale(self) -> Scalar:
         """c·P is the posterior covariance."""
@@ -103,7 +111,7 @@ class ConstantFactor(AbstractGainLaw):
 
     def __call__(self, leverage: Scalar) -> Step:
         """Return a, no inflation."""
-        return Step(self.factor + jnp.zeros_like(leverage), jnp.ones_like(leverage), 1.0 + leverage)
+        return Step(self.factor + jnp.zeros_like(leverage), None, 1.0 + leverage)
 
     def posterior_scale(self) -> Scalar:
         """No multiple of P is a posterior."""
@@ -190,9 +198,14 @@ class RecursiveLeastSquares(eqx.Module):
         correction = gain * innovation
         normalised = innovation / jnp.sqrt(spread)
         memory = self.law.memory()
+        covariance = rank_one_downdate(state.covariance, column, gain)
+        if inflation is not None:
+            # The downdate is symmetric and so leaves what rounding makes asymmetric; inflated at every sample, that
+            # would outgrow P within some 37/(1 − λ) samples.
+            covariance = scaled_symmetric_part(covariance, inflation)
         state = FitState(
             tuple(eta + correction * entry for eta, entry in zip(state.coefficients, entries, strict=True)),
-            rank_one_downdate(state.covariance, column, gain, inflation),
+            covariance,
             memory * state.squares + normalised * normalised,
             memory * state.products + normalised * state.last,
             memory * state.weight + 1.0,

@@ -1,7 +1,15 @@
 """Scalar mathematics that compiles to fast scan bodies: no LAPACK, no library call per lane."""
 
 from vsajax.numerics.functions import damped_response, logistic, safe_divide, smooth_sign
-from vsajax.numerics.rows import Rows, combine_rows, dot, quadratic_form, rank_one_downdate, scaled_identity
+from vsajax.numerics.rows import (
+    Rows,
+    combine_rows,
+    dot,
+    quadratic_form,
+    rank_one_downdate,
+    scaled_identity,
+    scaled_symmetric_part,
+)
 from vsajax.numerics.trigonometry import cos, sin
 
 __all__ = [
@@ -15,6 +23,7 @@ __all__ = [
     "rank_one_downdate",
     "safe_divide",
     "scaled_identity",
+    "scaled_symmetric_part",
     "sin",
     "smooth_sign",
 ]

@@ -43,7 +43,13 @@ def quadratic_form(rows: Rows, vector: Vector) -> Scalar:
     return dot(tuple(combine_rows(rows, vector)), vector)
 
 
-def rank_one_downdate(rows: Rows, vector: Float[Array, " d"], weight: Scalar, inflation: Scalar) -> Rows:
-    """Return (M − weight · v vᵀ) · inflation."""
+def rank_one_downdate(rows: Rows, vector: Float[Array, " d"], weight: Scalar) -> Rows:
+    """Return M − weight · v vᵀ."""
     scaled = weight * vector
-    return tuple((row - scaled[i] * vector) * inflation for i, row in enumerate(rows))
+    return tuple(row - scaled[i] * vector for i, row in enumerate(rows))
+
+
+def scaled_symmetric_part(rows: Rows, scale: Scalar) -> Rows:
+    """Return scale · (M + Mᵀ)/2, for recursions that would otherwise magnify the asymmetry of rounding."""
+    matrix = jnp.stack(rows)
+    return tuple(0.5 * scale * (matrix + matrix.T))

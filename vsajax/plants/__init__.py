@@ -1,14 +1,16 @@
 """Joints, their springs and bodies, and the integrator that moves them."""
 
+from vsajax.plants.antagonistic import AntagonisticJoint, AntagonisticMotion
 from vsajax.plants.bodies import CoulombFriction, Link, Motor
 from vsajax.plants.joints import AbstractJoint, FlexibleJoint, Motion, SerialJoint, Torques
-from vsajax.plants.presets import awas
+from vsajax.plants.presets import awas, menard_cubic, qbmove, vsa_exponential
 from vsajax.plants.simulation import simulate
 from vsajax.plants.splitting import substeps_for
 from vsajax.plants.springs import (
     AbstractSpring,
     CubicSpring,
     ExponentialSpring,
+    HyperbolicSpring,
     LeverSpring,
     LinearSpring,
     PolynomialSpring,
@@ -17,10 +19,13 @@ from vsajax.plants.springs import (
 __all__ = [
     "AbstractJoint",
     "AbstractSpring",
+    "AntagonisticJoint",
+    "AntagonisticMotion",
     "CoulombFriction",
     "CubicSpring",
     "ExponentialSpring",
     "FlexibleJoint",
+    "HyperbolicSpring",
     "LeverSpring",
     "LinearSpring",
     "Link",
@@ -30,6 +35,9 @@ __all__ = [
     "SerialJoint",
     "Torques",
     "awas",
+    "menard_cubic",
+    "qbmove",
     "simulate",
     "substeps_for",
+    "vsa_exponential",
 ]

@@ -6,7 +6,7 @@ Letters of Flacco et al., IROS 2011: q link, θ motor, θ_c setpoint position, �
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,11 +19,26 @@ from vsajax.types import Scalar, as_leaf
 
 
 class Torques(NamedTuple):
-    """What drives a joint: torques on the motor axes, and from outside on the link [N·m]."""
+    """What drives a joint [N·m]; a joint reads only the inputs that it has.
+
+    Args:
+        motor: on the axis of the motor that moves the link.
+        setpoint_motor: on the axis of the motor that sets the stiffness.
+        external: from outside, on the link.
+        motor1: on the axis of an antagonistic pair's first motor.
+        motor2: on the axis of its second motor.
+    """
 
     motor: Float[Array, "..."]
     setpoint_motor: Float[Array, "..."]
     external: Float[Array, "..."]
+    motor1: Any = None
+    motor2: Any = None
+
+    @classmethod
+    def none(cls) -> Torques:
+        """Return no torque on any input, at one instant."""
+        return cls(*(jnp.zeros(()),) * len(cls._fields))
 
 
 class Motion(NamedTuple):
@@ -74,8 +89,8 @@ class AbstractJoint(eqx.Module):
         """Return velocities -> decelerations by dry friction [rad/s²], or `None` where there is none."""
 
     @abstractmethod
-    def observe(self, state: MechanicalState, torques: Torques) -> Motion:
-        """Return every true quantity of the joint in `state`."""
+    def observe(self, state: MechanicalState, torques: Torques) -> Any:
+        """Return every true quantity in `state`: a NamedTuple with `stiffness` and `elastic_torque` among them."""
 
     @abstractmethod
     def fastest_rate(self, stiffness: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -124,8 +139,8 @@ class FlexibleJoint(AbstractJoint):
         if self.link.friction is None and self.motor.friction is None:
             return None
         return lambda velocities: (
-            _link_deceleration(self.link, velocities[0]),
-            _motor_deceleration(self.motor, velocities[1]),
+            link_deceleration(self.link, velocities[0]),
+            motor_deceleration(self.motor, velocities[1]),
         )
 
     def observe(self, state: MechanicalState, torques: Torques) -> Motion:
@@ -197,9 +212,9 @@ class SerialJoint(AbstractJoint):
         if all(body.friction is None for body in (self.link, self.motor, self.setpoint_motor)):
             return None
         return lambda velocities: (
-            _link_deceleration(self.link, velocities[0]),
-            _motor_deceleration(self.motor, velocities[1]),
-            _motor_deceleration(self.setpoint_motor, velocities[2]),
+            link_deceleration(self.link, velocities[0]),
+            motor_deceleration(self.motor, velocities[1]),
+            motor_deceleration(self.setpoint_motor, velocities[2]),
         )
 
     def observe(self, state: MechanicalState, torques: Torques) -> Motion:
@@ -211,11 +226,13 @@ class SerialJoint(AbstractJoint):
         return _fastest_rate(self.link, (self.motor, self.setpoint_motor), stiffness)
 
 
-def _link_deceleration(link: Link, velocity: Scalar) -> Scalar:
+def link_deceleration(link: Link, velocity: Scalar) -> Scalar:
+    """Return the deceleration of a link by dry friction [rad/s²]."""
     return jnp.zeros_like(velocity) if link.friction is None else link.friction(velocity) / link.inertia
 
 
-def _motor_deceleration(motor: Motor, velocity: Scalar) -> Scalar:
+def motor_deceleration(motor: Motor, velocity: Scalar) -> Scalar:
+    """Return the deceleration of a motor by dry friction [rad/s²]."""
     return jnp.zeros_like(velocity) if motor.friction is None else motor.acceleration(motor.friction(velocity))
 
 

@@ -136,6 +136,30 @@ class ExponentialSpring(AbstractSpring):
         return jnp.zeros_like(deflection)
 
 
+class HyperbolicSpring(AbstractSpring):
+    """τ_e = k sinh(a φ), the progressive spring of qbmove-like modules.
+
+    Args:
+        torque_scale: k [N·m].
+        exponent: a [1/rad].
+    """
+
+    torque_scale: Scalar = eqx.field(converter=as_leaf)
+    exponent: Scalar = eqx.field(converter=as_leaf)
+
+    def torque(self, setpoint: Value, deflection: Value) -> Value:
+        """Return k sinh(a φ)."""
+        return self.torque_scale * jnp.sinh(self.exponent * deflection)
+
+    def stiffness(self, setpoint: Value, deflection: Value) -> Value:
+        """Return k a cosh(a φ)."""
+        return self.torque_scale * self.exponent * jnp.cosh(self.exponent * deflection)
+
+    def coupling(self, setpoint: Value, deflection: Value) -> Value:
+        """Return 0."""
+        return jnp.zeros_like(deflection)
+
+
 class LeverSpring(AbstractSpring):
     """τ_e = k_s r² sin 2φ with lever arm r = r₀ + b θ_c: the AwAS, eqs. (28)–(31) of Flacco et al., IROS 2011.
 

@@ -149,13 +149,17 @@ class Excitation(eqx.Module):
         motor: on the principal motor's axis.
         setpoint_motor: on the stiffness-setting motor's axis.
         external: from the environment, on the link.
+        motor1: on the axis of an antagonistic pair's first motor.
+        motor2: on the axis of its second motor.
     """
 
     motor: AbstractExcitation | None = None
     setpoint_motor: AbstractExcitation | None = None
     external: AbstractExcitation | None = None
+    motor1: AbstractExcitation | None = None
+    motor2: AbstractExcitation | None = None
 
-    def torques(self, time: Series) -> tuple[Series, Series, Series]:
-        """Return the motor, setpoint-motor and external torque at `time` [N·m]."""
-        silence = as_leaf(0.0) * time
-        return tuple(silence if e is None else e(time) for e in (self.motor, self.setpoint_motor, self.external))  # pyright: ignore[reportReturnType]
+    def torques(self, time: Value) -> tuple[Value, ...]:
+        """Return the torques at `time` in the order of the fields [N·m]."""
+        inputs = (self.motor, self.setpoint_motor, self.external, self.motor1, self.motor2)
+        return tuple(jnp.zeros_like(time) if torque is None else torque(time) for torque in inputs)

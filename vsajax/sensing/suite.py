@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,24 +10,6 @@ from jaxtyping import Array, Key
 
 from vsajax.sensing.sensors import Sensor
 from vsajax.types import Recording, Series
-
-
-@runtime_checkable
-class Measurable(Protocol):
-    """A motion whose named signals can be measured."""
-
-    @property
-    def link_position(self) -> Series: ...  # noqa: D102
-    @property
-    def motor_position(self) -> Series: ...  # noqa: D102
-    @property
-    def setpoint_position(self) -> Series: ...  # noqa: D102
-    @property
-    def motor_torque(self) -> Series: ...  # noqa: D102
-    @property
-    def elastic_torque(self) -> Series: ...  # noqa: D102
-    @property
-    def deflection(self) -> Series: ...  # noqa: D102
 
 
 class SensorSuite(eqx.Module):
@@ -39,9 +21,13 @@ class SensorSuite(eqx.Module):
     motor_torque: Sensor | None = None
     elastic_torque: Sensor | None = None
     deflection: Sensor | None = None
+    motor1_position: Sensor | None = None
+    motor2_position: Sensor | None = None
+    motor1_torque: Sensor | None = None
+    motor2_torque: Sensor | None = None
 
-    def measure(self, time: Series, motion: Measurable, *, key: Key[Array, ""]) -> Recording:
-        """Return what the sensors record of `motion` at `time` [s].
+    def measure(self, time: Series, motion: Any, *, key: Key[Array, ""]) -> Recording:
+        """Return what the sensors record of `motion`, a tuple with a field a signal, at `time` [s].
 
         A signal's noise depends on `key` and on the signal's name alone, not on which other sensors exist.
         """
