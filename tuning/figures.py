@@ -32,6 +32,7 @@ mpl.rcParams.update(
         "savefig.dpi": 130,
     }
 )
+_OBJECTIVES = {"msrep": "MSREP [%]", "msrep_settled": "MSREP after the warm-up [%]"}
 _LABELS = {
     "link_position": "link\nposition [rad]",
     "motor_position": "motor\nposition [rad]",
@@ -142,15 +143,17 @@ def draw_sweep(rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Se
         return _draw_curve(cube, paths, axes_values, wide)
     pairs = [(a, b) for n, a in enumerate(wide) for b in wide[n + 1 :]]
     figure, axes = new_figure(4.3 * len(pairs), 3.7, 1, len(pairs), squeeze=False)
-    finite = cube[np.isfinite(cube)]
+    finite = cube[np.isfinite(cube)] if np.isfinite(cube).any() else np.ones(1)
     norm = LogNorm(finite.min(), max(np.quantile(finite, 0.95), 1.001 * finite.min()))
     for axis, (a, b) in zip(axes[0], pairs, strict=True):
         others = tuple(i for i in range(len(paths)) if i not in (a, b))
-        plane = np.nanmin(cube, axis=others) if others else cube
+        # `fmin` passes over diverged configurations, and leaves a blank where there is nothing else.
+        plane = np.fmin.reduce(cube, axis=others) if others else cube
         x, y = axes_values[paths[b]], axes_values[paths[a]]
         axis.pcolormesh(np.arange(len(x) + 1), np.arange(len(y) + 1), plane, norm=norm, cmap=_MAP)
-        best = np.unravel_index(np.nanargmin(plane), plane.shape)
-        axis.plot(best[1] + 0.5, best[0] + 0.5, "*", color="white", markersize=11, markeredgecolor="black")
+        if np.isfinite(plane).any():
+            best = np.unravel_index(np.nanargmin(plane), plane.shape)
+            axis.plot(best[1] + 0.5, best[0] + 0.5, "*", color="white", markersize=11, markeredgecolor="black")
         axis.set_xticks(np.arange(len(x)) + 0.5, [f"{value:.2g}" for value in x], rotation=60, fontsize=8)
         axis.set_yticks(np.arange(len(y)) + 0.5, [f"{value:.2g}" for value in y], fontsize=8)
         axis.set_xlabel(paths[b])
@@ -179,20 +182,27 @@ def _draw_curve(
     return figure
 
 
-def draw_tuning(before: np.ndarray, after: np.ndarray, *, labels: tuple[str, str]) -> Figure:
-    """Draw the distributions of held-out MSREP before and after tuning, scenario by scenario."""
-    figure, axis = new_figure(6.4, 3.6)
-    for values, colour, label in ((before, OTHER, labels[0]), (after, ESTIMATE, labels[1])):
+def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
+    """Draw how an objective is distributed over held-out scenarios, one curve a configuration."""
+    figure, axis = new_figure(6.4, 3.8)
+    colours = [OTHER, ESTIMATE, "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
+    for i, (label, values) in enumerate(each.items()):
+        colour = colours[i % len(colours)]
         finite = np.sort(values[np.isfinite(values)])
+        if not finite.size:
+            axis.plot([], [], color=colour, label=f"{label}: every scenario diverged")
+            continue
         share = (np.arange(finite.size) + 1) / finite.size
         axis.step(finite, 100 * share, where="post", color=colour, label=f"{label}: mean {finite.mean():.3g} %")
         axis.axvline(finite.mean(), color=colour, linestyle=":", linewidth=1)
     axis.set_xscale("log")
+    low, high = axis.get_xlim()
+    if high < 30 * low:
+        # Less than a decade and a half: the minor ticks carry the numbers.
+        axis.xaxis.set_minor_formatter(FormatStrFormatter("%g"))
+        axis.tick_params(axis="x", which="minor", labelsize=7)
     axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.xaxis.set_minor_formatter(FormatStrFormatter("%g"))
-    axis.tick_params(axis="x", which="minor", labelsize=7)
-    axis.set_xlabel("MSREP [%]")
+    axis.set_xlabel(_OBJECTIVES[objective])
     axis.set_ylabel("share of held-out\nscenarios below [%]")
-    axis.legend(loc="lower right")
-    figure.suptitle("Tuning, judged on noise that it never saw")
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8)
     return figure

@@ -73,7 +73,7 @@ class GradientTuner:
             if self.algorithm == "bfgs":
                 solution = optx.minimise(
                     self.objective,
-                    optx.BFGS(rtol=1e-3, atol=1e-5),
+                    optx.BFGS(rtol=1e-3, atol=1e-9),
                     z,
                     args=shared,
                     options={"autodiff_mode": "fwd"},
@@ -83,7 +83,7 @@ class GradientTuner:
             else:
                 solution = optx.least_squares(
                     self.residuals,
-                    optx.LevenbergMarquardt(rtol=1e-3, atol=1e-5),
+                    optx.LevenbergMarquardt(rtol=1e-3, atol=1e-9),
                     z,
                     args=shared,
                     options={"jac": "fwd"},

@@ -10,7 +10,7 @@ import difflib
 import hashlib
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,10 +19,10 @@ from pydantic import Field
 
 from tuning.axes import Axis, Bounds, parse_axis
 from tuning.errors import InputError, Mistake, input_error
-from tuning.parts.base import AtLeastOne
+from tuning.parts.base import AtLeastOne, Part
 from tuning.parts.bench import Clock, Excitation, Scorer, Sensing
-from tuning.parts.estimators import StiffnessEstimator
-from tuning.parts.joints import FlexibleJoint, SerialJoint
+from tuning.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
+from tuning.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
 from tuning.resources import preset_path
 from tuning.schema import Table, read_toml, validate
 
@@ -35,7 +35,7 @@ class Config(Table):
     schema_version: Literal[1]
     kind: str
     name: str = "unnamed"
-    estimator: StiffnessEstimator
+    estimator: Estimator
     scorer: Scorer = Scorer()
     provenance: dict[str, Any] = Field(default_factory=dict)
 
@@ -96,7 +96,17 @@ class SeaStudy(Study):
     joint: FlexibleJoint
 
 
-_STUDIES: dict[str, type[Study]] = {"serial": SerialStudy, "sea": SeaStudy}
+class AntagonisticStudy(Study):
+    """A study of an agonist-antagonist joint: two motors, two springs, an estimator a side."""
+
+    joint: AntagonisticJoint
+
+
+_STUDIES: dict[str, type[Study]] = {
+    "serial": SerialStudy,
+    "sea": SeaStudy,
+    "antagonistic": AntagonisticStudy,
+}
 _ONLY_IN_STUDIES = {"joint", *Study.model_fields} - set(Config.model_fields)
 
 
@@ -202,6 +212,8 @@ def _check_together(study: Study, place: str) -> None:
         for name in sorted(study.estimator.needs)
         if getattr(study.sensing, name) is None
     ]
+    mistakes += check_pairing(study, place)
+    mistakes += _check_windows(study, place)
     numbers = numeric_paths(study)
     for table, axes in (("sweep.grid", study.sweep.grid), ("tune.parameters", study.tune.parameters)):
         for path, axis in axes.items():
@@ -211,6 +223,46 @@ def _check_together(study: Study, place: str) -> None:
                 mistakes += _check_values(study, path, axis, where)
     if mistakes:
         raise InputError(*mistakes)
+
+
+def check_pairing(config: Config, place: str) -> list[Mistake]:
+    """Return the mistake of a pair of estimators on a joint with one transmission, or the reverse."""
+    is_pair, wants_pair = isinstance(config.estimator, AntagonisticPair), config.kind == "antagonistic"
+    if is_pair == wants_pair:
+        return []
+    fix = (
+        'set it to "pair" and move its tables below [estimator.side]'
+        if wants_pair
+        else "name one side's estimator"
+    )
+    got = config.estimator.type
+    return [Mistake(f"{place}: estimator.type", f"got {got!r}, which does not fit kind {config.kind!r}", fix)]
+
+
+def _check_windows(study: Study, place: str) -> list[Mistake]:
+    """Check the moving windows of algebraic observers against the clock and the ranges they are varied over."""
+    mistakes = []
+    varied = study.sweep.grid.keys() | study.tune.parameters.keys()
+    for path, observer in _observers(study.estimator, "estimator"):
+        if observer.sample_time != study.clock.sample_time:
+            problem = f"got {observer.sample_time}, but clock.sample_time is {study.clock.sample_time}"
+            mistakes.append(Mistake(f"{place}: {path}.sample_time", problem, "make them equal"))
+        if study.clock.jitter_std is not None:
+            problem = "an algebraic observer needs a regular clock"
+            mistakes.append(Mistake(f"{place}: clock.jitter_std", problem, "remove it"))
+        if f"{path}.window" in varied and observer.longest_window is None:
+            problem = "is missing, but the window is varied"
+            mistakes.append(Mistake(f"{place}: {path}.longest_window", problem, "set it to the longest of them"))
+    return mistakes
+
+
+def _observers(estimator: Part, path: str) -> Iterator[tuple[str, AlgebraicObserver]]:
+    if isinstance(estimator, AlgebraicObserver):
+        yield path, estimator
+    elif isinstance(estimator, AntagonisticPair):
+        yield from _observers(estimator.side, f"{path}.side")
+        if estimator.other is not None:
+            yield from _observers(estimator.other, f"{path}.other")
 
 
 def check_path(study: Study, path: str, where: str, numbers: Mapping[str, float]) -> list[Mistake]:

@@ -149,8 +149,12 @@ def plan_sweep(study: Study, place: str) -> GridSweep:
 
 
 def rank(table: pa.Table, axes: Sequence[str], score: str = "msrep") -> list[dict[str, float]]:
-    """Return the configurations, best mean score first, with the mean, median and 90 % quantile over scenarios."""
+    """Return the configurations, best mean score first, with the mean, median and 90 % quantile over scenarios.
+
+    A configuration with scenarios whose score is not finite, counted under "diverged", has none and goes last.
+    """
     values = table[score].to_numpy()
+    values = np.where(np.isfinite(values), values, np.nan)
     numbers = table["configuration"].to_numpy()
     order = np.lexsort((table["scenario"].to_numpy(), numbers))
     scenarios = int(table["scenario"].to_numpy().max()) + 1
@@ -163,8 +167,8 @@ def rank(table: pa.Table, axes: Sequence[str], score: str = "msrep") -> list[dic
             "mean": float(np.mean(scores)),
             "median": float(np.median(scores)),
             "q90": float(np.quantile(scores, 0.9)),
+            "diverged": int(np.sum(np.isnan(scores))),
         }
         for first, scores in zip(firsts, per_configuration, strict=True)
     ]
-    # A diverged configuration has no mean; it goes last.
     return sorted(rows, key=lambda row: (math.isnan(row["mean"]), row["mean"]))

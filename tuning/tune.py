@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +19,7 @@ from scipy import stats
 from tuning.errors import input_error
 from tuning.gradient import Algorithm, GradientTuner, Outcome
 from tuning.grid import Grid, lane_program
+from tuning.judging import Judgement, judge
 from tuning.problem import Problem, Stream, scenario_keys
 from tuning.progress import progress
 from tuning.space import Space
@@ -26,39 +27,6 @@ from tuning.store import open_run, versions, write_text
 from tuning.study import Study, numeric_paths, resolved, study_hash, to_toml, with_numbers
 
 Method = Literal["gradient", "grid", "hybrid"]
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """MSREP over scenarios, with a 95 % bootstrap interval of its mean [%].
-
-    Args:
-        mean: over the scenarios.
-        low: lower end of the interval.
-        high: upper end.
-        median: over the scenarios.
-        q90: 90 % quantile.
-        settled_mean: mean of the MSREP from the warm-up time on.
-        convergence_time: median over the scenarios [s].
-        diverged: scenarios in which an estimate was not finite; they are left out of the other numbers.
-        scenarios: how many were run.
-        msrep: of every scenario [%].
-    """
-
-    mean: float
-    low: float
-    high: float
-    median: float
-    q90: float
-    settled_mean: float
-    convergence_time: float
-    diverged: int
-    scenarios: int
-    msrep: np.ndarray
-
-    def summary(self) -> dict[str, float | int]:
-        """Return all but the single scenarios."""
-        return {name: value for name, value in asdict(self).items() if name != "msrep"}
 
 
 @dataclass(frozen=True)
@@ -144,26 +112,8 @@ class Search:
         """Score numbers on scenarios of a stream."""
         problem = Problem(with_numbers(self.study, values, "tuned study"))
         scores = Grid(problem, {}, count, stream).evaluate(np.empty((1, 0)))
-        is_finite = scores["diverged"][0, 0] == 0
-        msrep = scores["msrep"][0, 0][is_finite]
-        low = high = float("nan")
-        if msrep.size > 1 and np.ptp(msrep) > 0:
-            interval = stats.bootstrap(
-                (msrep,), np.mean, n_resamples=5000, rng=np.random.default_rng(self.study.seed)
-            ).confidence_interval
-            low, high = float(interval.low), float(interval.high)
-        return Judgement(
-            mean=float(np.mean(msrep)),
-            low=low,
-            high=high,
-            median=float(np.median(msrep)),
-            q90=float(np.quantile(msrep, 0.9)),
-            settled_mean=float(np.mean(scores["msrep_settled"][0, 0][is_finite])),
-            convergence_time=float(np.median(scores["convergence_time"][0, 0][is_finite])),
-            diverged=int(np.sum(~is_finite)),
-            scenarios=count,
-            msrep=scores["msrep"][0, 0],
-        )
+        single = {name: score[0, 0] for name, score in scores.items()}
+        return judge(single, self.study.tune.objective, seed=self.study.seed)
 
 
 def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = False) -> Tuned:

@@ -29,6 +29,7 @@ for command in (
     recordings.estimate,
     searches.sweep,
     searches.tune,
+    searches.compare,
     results.reproduce,
     results.export,
     inspection.doctor,

@@ -157,7 +157,7 @@ def tune(
     search = plan_search(loaded, method, algorithm, str(study))
     tuned = run_tuning(search, folder, resume=resume, quiet=quiet)
     picture = save(
-        draw_tuning(tuned.before.msrep, tuned.held_out.msrep, labels=("before", "tuned")),
+        draw_tuning({"before": tuned.before.each, "tuned": tuned.held_out.each}, loaded.tune.objective),
         folder / "figures" / "tuning.png",
     )
     result = {
@@ -185,8 +185,8 @@ def tune(
             )
         ]
         lines += [
-            f"{name:<28} {j.mean:.4f} %  [{j.low:.4f}, {j.high:.4f}]  median {j.median:.4f} %  "
-            f"settled {j.settled_mean:.2g} %  converged in {j.convergence_time:.3f} s"
+            f"{name:<28} {j.mean:.4g} %  [{j.low:.4g}, {j.high:.4g}]  median {j.median:.4g} %  "
+            f"msrep {j.msrep_mean:.4g} %  settled {j.settled_mean:.2g} %  converged in {j.convergence_time:.3f} s"
             for name, j in (
                 (f"before, {tuned.before.scenarios} held out:", tuned.before),
                 (f"tuned, {tuned.train.scenarios} training:", tuned.train),
@@ -196,3 +196,74 @@ def tune(
         return "\n".join([*lines, f"wrote {folder / 'best.toml'} and {picture}"])
 
     emit(result, as_json=as_json, quiet=quiet, text=text)
+
+
+@click.command(epilog="Example: vsajax compare a.toml runs/t/best.toml -s study.toml -o runs/duel")
+@click.argument("configs", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option(
+    "-s", "--study", type=click.Path(path_type=Path), required=True, help="Joint, excitation, noise, scores."
+)
+@RUN
+@click.option("--scenarios", type=click.IntRange(min=2), help="Held-out noise draws.")
+@SETTINGS
+@SEED
+@RESUME
+@JSON
+@QUIET
+def compare(
+    configs: tuple[Path, ...],
+    study: Path,
+    folder: Path,
+    scenarios: int | None,
+    settings: tuple[str, ...],
+    seed: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Score the estimators of CONFIGS on the same scenarios of one study, paired with the first of them."""
+    from tuning.compare import compare as run_comparison
+    from tuning.compare import contenders
+    from tuning.study import load_config, load_study
+
+    own = [*settings, *([] if scenarios is None else [f"scenarios.held_out={scenarios}"])]
+    loaded = load_study(study, with_seed(own, seed))
+    studies = contenders({str(path): load_config(path) for path in configs}, loaded, str(study))
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.figures import draw_tuning, save
+
+    found = run_comparison(studies, folder, resume=resume, quiet=quiet)
+    objective = loaded.tune.objective
+    each = {contender.name: contender.judgement.each for contender in found}
+    picture = save(draw_tuning(each, objective), folder / "figures" / "compare.png")
+    rows = [
+        {
+            "config": contender.name,
+            **contender.judgement.summary(),
+            "difference": contender.difference,
+            "difference_low": contender.low,
+            "difference_high": contender.high,
+            "wins": contender.wins,
+        }
+        for contender in found
+    ]
+
+    def text() -> str:
+        headers = ["config", f"mean {objective} %", "95 %", "median", "minus first", "95 %", "better than first"]
+        lines = [
+            [
+                c.name,
+                c.judgement.mean,
+                f"{c.judgement.low:.4g} … {c.judgement.high:.4g}",
+                c.judgement.median,
+                c.difference,
+                f"{c.low:.4g} … {c.high:.4g}",
+                f"{100 * c.wins:.0f} % of {c.judgement.scenarios}",
+            ]
+            for c in found
+        ]
+        return f"{table(headers, lines)}\nwrote {folder / 'results.parquet'} and {picture}"
+
+    emit({"run": folder, "picture": picture, "configs": rows}, as_json=as_json, quiet=quiet, text=text)

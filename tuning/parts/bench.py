@@ -100,6 +100,8 @@ class Excitation(Part):
     motor: TorqueProfile | None = None
     setpoint_motor: TorqueProfile | None = None
     external: TorqueProfile | None = None
+    motor1: TorqueProfile | None = None
+    motor2: TorqueProfile | None = None
 
 
 class Encoder(Part):
@@ -131,6 +133,10 @@ class Sensing(Part):
     motor_torque: Sensor | None = None
     elastic_torque: Sensor | None = None
     deflection: Sensor | None = None
+    motor1_position: Sensor | None = None
+    motor2_position: Sensor | None = None
+    motor1_torque: Sensor | None = None
+    motor2_torque: Sensor | None = None
 
 
 class Clock(Part):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from tuning.parts.base import AtLeastOne, Fraction, NonNegative, Part, Positive
 from tuning.parts.springs import Spring
@@ -95,6 +95,15 @@ class Polynomial(Part):
     order: AtLeastOne = 1
 
 
+class Taylor(Part):
+    """φ^(j+1)/(j+1)! for j = 0 … order: a stiffness of that Taylor order."""
+
+    target = "estimators.Taylor"
+    type: Literal["taylor"]
+    deflection_scale: Positive = 1.0
+    order: Annotated[int, Field(ge=0)] = 2
+
+
 class Legendre(Part):
     """Legendre polynomials on a range of deflection."""
 
@@ -160,16 +169,21 @@ class ExcitationGate(Part):
     max_relative_std: Positive = 0.1
 
 
+Basis = Annotated[SeparableOddPolynomial | Polynomial | Taylor | Legendre, Field(discriminator="type")]
+VelocityFilter = Annotated[
+    FiniteDifference | KinematicKalman | ModifiedKinematicKalman, Field(discriminator="type")
+]
+
+
 class StiffnessEstimator(Part):
     """Torque, velocity filter, basis and recursive fit."""
 
     target = "estimators.StiffnessEstimator"
+    type: Literal["two_stage"] = "two_stage"
     torque: Annotated[SensorTorque | ModelTorque | ResidualTorque, Field(discriminator="type")]
-    basis: Annotated[SeparableOddPolynomial | Polynomial | Legendre, Field(discriminator="type")]
+    basis: Basis
     fit: RecursiveLeastSquares
-    velocity: Annotated[
-        FiniteDifference | KinematicKalman | ModifiedKinematicKalman, Field(discriminator="type")
-    ] = FiniteDifference(type="difference")
+    velocity: VelocityFilter = FiniteDifference(type="difference")
     gate: ExcitationGate = ExcitationGate()
     deflection: Literal["filtered", "raw", "measured"] = "filtered"
 
@@ -178,5 +192,87 @@ class StiffnessEstimator(Part):
         """The signals that must be measured; the built estimator says the same."""
         torque = {"sensor": {"elastic_torque"}, "residual": {"motor_position", "motor_torque"}, "model": set()}
         positions = {"deflection"} if self.deflection == "measured" else {"link_position", "motor_position"}
-        has_setpoint = isinstance(self.basis, SeparableOddPolynomial) and self.basis.setpoint_terms > 1
-        return frozenset(torque[self.torque.type] | positions | ({"setpoint_position"} if has_setpoint else set()))
+        return frozenset(torque[self.torque.type] | positions | _setpoint_of(self.basis))
+
+
+class AlgebraicObserver(Part):
+    """The motor equation over a moving window, and a recursive fit."""
+
+    target = "estimators.AlgebraicObserver"
+    type: Literal["algebraic"]
+    motor_inertia: Positive
+    motor_damping: NonNegative
+    gear_ratio: Annotated[float, Field(ge=1)] = 1.0
+    window: Positive
+    longest_window: Positive | None = None
+    sample_time: Positive
+    basis: Basis
+    fit: RecursiveLeastSquares
+    gate: ExcitationGate = ExcitationGate()
+    velocity: VelocityFilter | None = None
+    quadrature: Literal["product", "trapezoid", "simpson"] = "product"
+    weighting: Literal["sample", "continuous"] = "sample"
+    scaling: Literal["printed", "scale_free"] = "printed"
+    start: Literal["window", "zeros", "rest"] = "window"
+
+    @model_validator(mode="after")
+    def _window_fits(self) -> AlgebraicObserver:
+        if self.longest_window is not None and self.window > self.longest_window:
+            raise ValueError(
+                f"window must not exceed longest_window; got {self.window} and {self.longest_window} s"
+            )
+        if self.window < 4 * self.sample_time:
+            raise ValueError(f"window must hold at least four sample times; got {self.window} s")
+        return self
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the constructor's arguments; the longest window is by default the window."""
+        return super().arguments() | {"longest_window": self.longest_window or self.window}
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """The signals that must be measured; the built estimator says the same."""
+        return frozenset({"link_position", "motor_position", "motor_torque"} | _setpoint_of(self.basis))
+
+
+def _setpoint_of(basis: Basis) -> set[str]:
+    has_setpoint = isinstance(basis, SeparableOddPolynomial) and basis.setpoint_terms > 1
+    return {"setpoint_position"} if has_setpoint else set()
+
+
+def _type_of(table: Any) -> str:
+    """Return the tag of an estimator's table; it is "two_stage" where none is given."""
+    return table.get("type", "two_stage") if isinstance(table, dict) else getattr(table, "type", "two_stage")
+
+
+Side = Annotated[
+    Annotated[StiffnessEstimator, Tag("two_stage")] | Annotated[AlgebraicObserver, Tag("algebraic")],
+    Discriminator(_type_of),
+]
+
+
+class AntagonisticPair(Part):
+    """One estimator a side of an antagonistic joint; `other` where the second differs from the first."""
+
+    target = "estimators.AntagonisticPair"
+    type: Literal["pair"]
+    side: Side
+    other: Side | None = None
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """The signals that must be measured; the built estimator says the same."""
+        sides = {1: self.side, 2: self.other or self.side}
+        return frozenset(
+            name.replace("motor_", f"motor{number}_") if name in ("motor_position", "motor_torque") else name
+            for number, side in sides.items()
+            for name in side.needs
+        )
+
+
+Estimator = Annotated[
+    Annotated[StiffnessEstimator, Tag("two_stage")]
+    | Annotated[AlgebraicObserver, Tag("algebraic")]
+    | Annotated[AntagonisticPair, Tag("pair")],
+    Discriminator(_type_of),
+]

@@ -58,3 +58,14 @@ class FlexibleJoint(Part):
     motor: Motor
     spring: Spring
     start: float = 0.0
+
+
+class AntagonisticJoint(Part):
+    """Two motors pull one link through a spring each."""
+
+    target = "plants.AntagonisticJoint"
+    link: Link
+    motor1: Motor
+    motor2: Motor
+    spring1: Spring
+    spring2: Spring

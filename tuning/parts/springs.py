@@ -44,6 +44,15 @@ class ExponentialSpring(Part):
     side: Literal[1, -1] = 1
 
 
+class HyperbolicSpring(Part):
+    """τ = torque_scale · sinh(exponent · φ)."""
+
+    target = "plants.HyperbolicSpring"
+    type: Literal["hyperbolic"]
+    torque_scale: Positive
+    exponent: Positive
+
+
 class LeverSpring(Part):
     """τ = spring_rate · r² · sin 2φ with r = arm + pitch · θ_c."""
 
@@ -55,5 +64,6 @@ class LeverSpring(Part):
 
 
 Spring = Annotated[
-    LinearSpring | CubicSpring | PolynomialSpring | ExponentialSpring | LeverSpring, Field(discriminator="type")
+    LinearSpring | CubicSpring | PolynomialSpring | ExponentialSpring | HyperbolicSpring | LeverSpring,
+    Field(discriminator="type"),
 ]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tuning.reproduce import serial
+from tuning.reproduce import antagonistic, serial
 from tuning.reproduce.report import Report, Row
 
 __all__ = ["Report", "Row", "reproduce_paper"]
 
-_PAPERS = {"serial": serial.reproduce}
+_PAPERS = {"serial": serial.reproduce, "antagonistic": antagonistic.reproduce}
 
 
 def reproduce_paper(paper: str, folder: Path | None) -> list[Report]:

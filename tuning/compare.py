@@ -1,0 +1,104 @@
+"""Several estimators side by side: the same joints, the same noise, paired scenario by scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from tuning.errors import InputError, Mistake
+from tuning.grid import Grid
+from tuning.judging import Judgement, judge, mean_interval
+from tuning.problem import Problem
+from tuning.progress import progress
+from tuning.store import open_run
+from tuning.study import Config, Study, parse_study, resolved, study_hash
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One configuration in a comparison.
+
+    Args:
+        name: its label.
+        judgement: its own scores.
+        difference: mean of its objective minus the first configuration's, scenario by scenario [%].
+        low: lower end of the difference's 95 % interval.
+        high: upper end.
+        wins: share of scenarios in which it is better than the first.
+    """
+
+    name: str
+    judgement: Judgement
+    difference: float
+    low: float
+    high: float
+    wins: float
+
+
+def contenders(configs: Mapping[str, Config], study: Study, place: str) -> dict[str, Study]:
+    """Return the study once for each configuration's estimator.
+
+    Raises:
+        InputError: an estimator does not fit the study; every one that does not is named.
+    """
+    studies, mistakes = {}, []
+    base = resolved(study) | {"sweep": {}, "tune": {"objective": study.tune.objective}}
+    for name, config in configs.items():
+        if config.kind != study.kind:
+            fix = f"compare it on a study of kind {config.kind!r}"
+            mistakes.append(Mistake(f"{name}: kind", f"got {config.kind!r}, but {place} is {study.kind!r}", fix))
+            continue
+        try:
+            studies[name] = parse_study(base | {"estimator": resolved(config)["estimator"]}, f"{name} on {place}")
+        except InputError as error:
+            mistakes += error.mistakes
+    if mistakes:
+        raise InputError(*mistakes)
+    return studies
+
+
+def compare(
+    studies: Mapping[str, Study], folder: Path, *, resume: bool = False, quiet: bool = False
+) -> list[Contender]:
+    """Score every estimator on the held-out scenarios and compare each with the first.
+
+    Each estimator is a chunk of the run.
+    """
+    names, first = list(studies), next(iter(studies.values()))
+    plan = {name: study_hash(study) for name, study in studies.items()}
+    store = open_run(folder, "compare", first, plan, [f"{i:03d}" for i in range(len(names))], resume=resume)
+    scores: list[dict[str, np.ndarray]] = []
+    with progress("compare", len(names), quiet=quiet) as advance:
+        for chunk, (name, study) in zip(store.chunks, studies.items(), strict=True):
+            if chunk in set(store.pending()):
+                store.write_chunk(chunk, _score(name, study))
+            table = pq.read_table(folder / "chunks" / f"{chunk}.parquet")
+            scores.append({column: table[column].to_numpy() for column in table.column_names})
+            advance()
+    store.finish()
+    return _pair(names, scores, first)
+
+
+def _score(name: str, study: Study) -> dict[str, np.ndarray]:
+    count = study.scenarios.held_out
+    scores = Grid(Problem(study), {}, count, "held_out").evaluate(np.empty((1, 0)))
+    single = {key: value[0, 0] for key, value in scores.items()}
+    return {"configuration": np.array([name] * count), "scenario": np.arange(count), **single}
+
+
+def _pair(names: Sequence[str], scores: Sequence[Mapping[str, np.ndarray]], study: Study) -> list[Contender]:
+    objective, seed = study.tune.objective, study.seed
+    reference = scores[0][objective]
+    found = []
+    for name, score in zip(names, scores, strict=True):
+        both = np.isfinite(score[objective]) & np.isfinite(reference)
+        difference = (score[objective] - reference)[both]
+        low, high = mean_interval(difference, seed=seed)
+        mean = float(np.mean(difference)) if difference.size else float("nan")
+        wins = float(np.mean(difference < 0)) if difference.size else float("nan")
+        found.append(Contender(name, judge(score, objective, seed=seed), mean, low, high, wins))
+    return found
