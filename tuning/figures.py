@@ -175,7 +175,8 @@ def _draw_curve(
     axis.plot(values[path], cube.reshape(-1), "o-", color=ESTIMATE)
     if min(values[path]) > 0:
         axis.set_xscale("log")
-    axis.set_yscale("log")
+    if np.isfinite(cube).any():
+        axis.set_yscale("log")
     axis.set_xlabel(path)
     axis.set_ylabel("mean MSREP [%]")
     figure.suptitle("Sweep")

@@ -6,14 +6,12 @@ comparison, and the duel with the residual estimator; settings and corrections i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from tuning.reproduce.report import Report, Row
@@ -23,7 +21,8 @@ from vsajax import sensing as se
 
 _TITLE = "Ménard, Grioli, Bicchi: agonist-antagonist joint and the algebraic observer"
 _MOTOR = {"motor_inertia": 1e-4, "motor_damping": 1.27}
-_SUBSTEPS = 64
+_SUBSTEPS = 256
+"""The near-unregularised rows ask for a motion that is exact to 1e-10 rad."""
 _SEED = 20240601
 """Of the reference's noise, one draw for every scenario."""
 _OWN_DRAWS = 64
@@ -114,10 +113,13 @@ def algebraic(prior: float, *, order: int = 2, **options: Any) -> es.Antagonisti
     return es.AntagonisticPair(side)
 
 
-def residual(basis: es.AbstractBasis, acceleration_variance: float, position_std: float) -> es.AntagonisticPair:
+def residual(
+    basis: es.AbstractBasis, acceleration_variance: float, position_std: float, *, start: float = 100.0
+) -> es.AntagonisticPair:
     """Return the residual estimator on both sides, K_I = 1e3 and P(0) = 1e6.
 
-    V_a is printed nowhere; the filter starts at the first reading with variance R and a velocity variance of 100.
+    V_a is printed nowhere, nor is the filter's start: the first reading with variance R, and a velocity variance
+    of `start` [rad²/s²], 100 in the reference's R1 and R2.
     """
     variance = max(position_std**2, 1e-14)
     return es.AntagonisticPair(
@@ -125,15 +127,15 @@ def residual(basis: es.AbstractBasis, acceleration_variance: float, position_std
             torque=es.ResidualTorque(observer_gain=1e3, **_MOTOR),
             basis=basis,
             fit=es.RecursiveLeastSquares(1e6),
-            velocity=es.KinematicKalman(acceleration_variance, variance, variance, 100.0),
+            velocity=es.KinematicKalman(acceleration_variance, variance, variance, start),
         )
     )
 
 
 ODD = es.SeparableOddPolynomial
 CONSTANT = es.Polynomial
-CONTINUOUS = {"weighting": "continuous", "quadrature": "trapezoid"}
-SAMPLED = {"weighting": "sample", "quadrature": "trapezoid"}
+CONTINUOUS: dict[str, Any] = {"weighting": "continuous", "quadrature": "trapezoid"}
+SAMPLED: dict[str, Any] = {"weighting": "sample", "quadrature": "trapezoid"}
 
 
 @jax.jit
@@ -235,16 +237,17 @@ def _noisy_rows() -> list[Row]:
 def _printed_rows() -> list[Row]:
     """Return the printed comparison table beside T1, one reading of what it leaves open."""
     observer = algebraic(1e10, start="zeros", **SAMPLED)
-    baseline = residual(CONSTANT(order=3), 0.026, 0.0344)
+    baseline = residual(CONSTANT(order=3), 0.026, 0.0344, start=1e4)
     stored = _scores(observer, T1, reference_noise(), 0.0344, 0.1)
     rows = [
         _close("T1 algebraic, stored noise: MSE", float(stored.mse_settled), 4.83424136435169, "(N·m/rad)²", 1e-3),
         _close("T1 algebraic, stored noise: MSREP", float(stored.msrep_settled), 0.690916717723581, "%", 1e-3),
     ]
     note = (
-        "the printed settings leave torques, noise, filter and basis open; T1 is one of several readings that give "
-        "the printed values, so they prove nothing about the missing ones. Judged against the median of an "
-        f"independent reproduction; ours is over {_OWN_DRAWS} draws"
+        "the printed settings leave torques, noise, filter and basis open; T1 is one of several readings that "
+        "give the printed values, so they prove nothing about the missing ones. Judged against the median of an "
+        f"independent reproduction; ours is over {_OWN_DRAWS} draws. The residual's value moves from 35 to 51 "
+        "with the Kalman filter's start alone"
     )
     for name, estimator, printed, reference in (
         ("algebraic", observer, (4.2, 0.7), (4.8, 0.88)),
@@ -292,8 +295,3 @@ def own_draws(
 
     keys = jax.random.split(jax.random.key(_SEED), draws)
     return jax.jit(lambda k, common: rollout.map_lanes(one, k, common, chunk=16))(keys, (estimator, truth))
-
-
-def medians(scores: Sequence[Scores]) -> np.ndarray:
-    """Return the median settled MSE of each."""
-    return np.array([float(jnp.median(s.mse_settled)) for s in scores])

@@ -36,7 +36,7 @@ class Step(NamedTuple):
 
     Args:
         factor: a.
-        inflation: what P is multiplied by after the sample, 1/λ when forgetting; `None` where nothing is forgotten.
+        inflation: what P is multiplied by after the sample, 1/λ when forgetting; `None` without forgetting.
         spread: the innovation's variance in units of the noise variance, 1 + ρ in the posterior's own scale.
     """
 
@@ -200,7 +200,7 @@ class RecursiveLeastSquares(eqx.Module):
         memory = self.law.memory()
         covariance = rank_one_downdate(state.covariance, column, gain)
         if inflation is not None:
-            # The downdate is symmetric and so leaves what rounding makes asymmetric; inflated at every sample, that
+            # The downdate is symmetric and leaves what rounding makes asymmetric; inflated at every sample, that
             # would outgrow P within some 37/(1 − λ) samples.
             covariance = scaled_symmetric_part(covariance, inflation)
         state = FitState(

@@ -105,5 +105,6 @@ class StiffnessEstimator(AbstractEstimator):
             reading = sample.read("link_position")
             link, (link_position, _) = self.velocity.step(link, reading, sample.dt)
             deflection = link_position - position
-        setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
+        has_setpoint = self.basis.uses_setpoint or sample.setpoint_position is not None
+        setpoint = sample.read("setpoint_position") if has_setpoint else jnp.zeros_like(deflection)
         return motor, link, Kinematics(deflection, setpoint, position, velocity)

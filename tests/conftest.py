@@ -1,0 +1,49 @@
+"""Double precision, two host devices, run-time type checks of `vsajax`, and the reference signals."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+# XLA reads its flags when the first device is asked for; set them before anything imports jax.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2".strip()
+
+import jax
+import jaxtyping
+import numpy as np
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+jaxtyping.install_import_hook("vsajax", "beartype.beartype")
+
+TESTS = Path(__file__).parent
+
+Signals = dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The `shared` folder of reference material beside the repository; most checkouts do not have it."""
+    folder = TESTS.parents[1] / "shared"
+    if not (folder / "reference" / "serial.npz").is_file():
+        pytest.skip(f"needs the reference material in {folder}, which this machine does not have")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def golden() -> Signals:
+    """The first 2001 samples (1 kHz) of the serial reference: SciPy Radau at rtol 1e-9, NumPy estimators."""
+    return _signals(TESTS / "golden" / "serial.npz")
+
+
+@pytest.fixture(params=["golden", "shared"], scope="session")
+def reference(request: pytest.FixtureRequest) -> Signals:
+    """The serial reference: its golden extract, and all 10,001 samples where `shared` is there."""
+    if request.param == "golden":
+        return request.getfixturevalue("golden")
+    return _signals(request.getfixturevalue("shared") / "reference" / "serial.npz")
+
+
+def _signals(path: Path) -> Signals:
+    with np.load(path) as archive:
+        return {name: archive[name] for name in archive.files}

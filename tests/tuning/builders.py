@@ -1,0 +1,54 @@
+"""Small studies: the shipped ones, shortened and with few coefficients, so that they compile in seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tuning.resources import CONFIGS
+from tuning.study import Study, load_study
+
+EXAMPLES = sorted((CONFIGS / "studies").glob("*.toml"))
+TUNED = sorted((CONFIGS / "tuned").glob("*.toml"))
+SERIAL, SEA = CONFIGS / "studies" / "serial.toml", CONFIGS / "studies" / "sea.toml"
+
+GAIN, PRIOR = "estimator.torque.observer_gain", "estimator.fit.prior_scale"
+VARIANCE = "estimator.velocity.acceleration_variance"
+FORGETTING = "estimator.fit.law.forgetting"
+
+# At 0.1 Hz the AwAS hardly moves in a fraction of a second: drive it faster.
+SMALL = (
+    "clock.duration=0.2",
+    "excitation.motor.frequency=2.0",
+    "excitation.setpoint_motor.frequency=1.0",
+    "estimator.basis.deflection_terms=1",
+    "estimator.basis.setpoint_terms=2",
+    "scenarios={train=3, held_out=5}",
+    "sweep={}",
+    "tune={}",
+)
+
+
+def small_serial(*settings: str) -> Study:
+    """Return the AwAS study over 0.2 s with two coefficients, no grid and nothing to tune."""
+    return load_study(SERIAL, [*SMALL, *settings])
+
+
+def settings_of(tables: Mapping[str, Any]) -> list[str]:
+    """Return `--set` and its value for each of some dotted keys."""
+    return [word for key, value in tables.items() for word in ("--set", f"{key}={value}")]
+
+
+def tiny_tuning(*settings: str) -> Study:
+    """Return a study with one coefficient fitted to a torque sensor, and two of its numbers to tune."""
+    law = "{ type = 'forgetting', forgetting = 0.9 }"
+    prior = f"'{PRIOR}' = {{ low = 1e-3, high = 10.0, points = 3 }}"
+    bounds = f"{prior}, '{FORGETTING}' = {{ low = 0.85, high = 0.999 }}"
+    return small_serial(
+        "estimator.torque={type='sensor'}",
+        "estimator.velocity={type='difference'}",
+        "estimator.basis={type='odd'}",
+        f"estimator.fit={{ prior_scale = 1.0, law = {law} }}",
+        f"tune={{ starts = 2, screen = 4, max_steps = 20, parameters = {{ {bounds} }} }}",
+        *settings,
+    )

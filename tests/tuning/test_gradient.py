@@ -1,0 +1,82 @@
+"""The gradient that tuning follows, and that following it leads down."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.tuning.builders import SERIAL, small_serial, tiny_tuning
+from tuning.gradient import GradientTuner
+from tuning.study import load_study
+from tuning.tune import Search
+
+POINTS = 5
+
+
+@pytest.fixture(scope="module")
+def awas() -> GradientTuner:
+    """The AwAS study with all 18 coefficients and its five tuned numbers, over 0.3 s of faster motion."""
+    faster = ("excitation.motor.frequency=1.0", "excitation.setpoint_motor.frequency=1.0")
+    study = load_study(SERIAL, ["clock.duration=0.3", "scenarios.train=2", "sweep={}", *faster])
+    return Search(study, "gradient").tuner
+
+
+def starts(tuner: GradientTuner, own: dict[str, float]) -> list[jax.Array]:
+    """Return the study's own point and random others, each share of its bounds within 12 and 88 %."""
+    draws = np.random.default_rng(0).uniform(-2.0, 2.0, (POINTS - 1, tuner.space.size))
+    return [tuner.space.unconstrain({k: jnp.asarray(v) for k, v in own.items()}), *map(jnp.asarray, draws)]
+
+
+@pytest.mark.gradient
+def test_the_gradient_matches_central_differences(awas):
+    shared = awas.problem.shared_truth
+    objective = jax.jit(lambda z: awas.objective(z, shared))
+    gradient = jax.jit(jax.jacfwd(lambda z: awas.objective(z, shared)))
+    # Truncation is h²/6 times third over first derivative, about h² here and 100 h² at worst: 1e-8 to 1e-6.
+    # Rounding of an objective that is good to 1e-14 adds 1e-14 / 1e-4 times objective over slope, up to 3000.
+    step = 1e-4
+    own = Search(awas.problem.study, "gradient").own
+    assert awas.space.size == 5
+    for z in starts(awas, own):
+        differences = [(objective(z + step * e) - objective(z - step * e)) / (2.0 * step) for e in jnp.eye(z.size)]
+        exact = np.asarray(gradient(z))
+        assert np.all(exact != 0.0)
+        np.testing.assert_allclose(exact, differences, rtol=1e-6)
+
+
+@pytest.mark.gradient
+def test_forward_and_reverse_mode_agree_and_are_finite_up_to_the_bounds():
+    tuner = Search(tiny_tuning(), "gradient").tuner
+    shared = tuner.problem.shared_truth
+    forward = jax.jit(jax.jacfwd(lambda z: tuner.objective(z, shared)))
+    reverse = jax.jit(jax.grad(lambda z: tuner.objective(z, shared)))
+    # The sigmoid of 40 is 1 to the last bit: beyond, nothing moves.
+    for z in (jnp.array([0.3, -0.7]), jnp.array([-40.0, 40.0]), jnp.array([40.0, -40.0])):
+        # Sums of 3 × 200 terms in two orders, through 200 recursive steps.
+        np.testing.assert_allclose(forward(z), reverse(z), rtol=1e-9, atol=1e-12)
+        assert np.isfinite(forward(z)).all()
+
+
+@pytest.mark.gradient
+@pytest.mark.parametrize("algorithm", ["levenberg-marquardt", "bfgs"])
+def test_every_algorithm_leads_down_within_the_bounds(algorithm):
+    gain = "'estimator.torque.observer_gain' = { low = 3.0, high = 1500.0 }"
+    prior = "'estimator.fit.prior_scale' = { low = 1e-4, high = 1e3 }"
+    study = small_serial("clock.duration=1.0", f"tune={{ max_steps = 30, parameters = {{ {gain}, {prior} }} }}")
+    search = Search(study, "gradient", algorithm)
+    tuner, own = search.tuner, search.own
+    outcome = tuner.run(own)
+    z = tuner.space.unconstrain({path: jnp.asarray(value) for path, value in own.items()})
+    before = float(tuner.objective(z, tuner.problem.shared_truth))
+    assert outcome.start == own
+    assert outcome.message in {"converged", "step limit"}
+    assert 0 < outcome.steps <= 30
+    assert outcome.objective < 0.9 * before
+    for path, bounds in study.tune.parameters.items():
+        assert bounds.low <= outcome.values[path] <= bounds.high
+    # What it reports is the objective there.
+    reached = tuner.space.unconstrain({path: jnp.asarray(value) for path, value in outcome.values.items()})
+    again = float(tuner.objective(reached, tuner.problem.shared_truth))
+    assert again == pytest.approx(outcome.objective, rel=1e-9)

@@ -1,0 +1,187 @@
+"""Every table of a study against the class of vsajax that it describes."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+import vsajax
+from tuning.build import build
+from tuning.log_files import write_table
+from tuning.parts import base, bench, estimators, joints, springs
+from tuning.parts.base import Part
+
+LINK, MOTOR = {"inertia": 0.1, "damping": 0.2}, {"inertia": 1e-4, "damping": 1e-3}
+SPRING = {"type": "linear", "rate": 10.0}
+BASIS, FIT = {"type": "polynomial"}, {"prior_scale": 2.0}
+SIDE = {"torque": {"type": "sensor"}, "basis": BASIS, "fit": FIT}
+OBSERVER = {
+    "type": "algebraic",
+    "motor_inertia": 1e-4,
+    "motor_damping": 1e-3,
+    "window": 0.1,
+    "longest_window": 0.2,
+    "sample_time": 1e-3,
+    "basis": BASIS,
+    "fit": FIT,
+}
+
+# What each table needs at least.
+MINIMAL = {
+    bench.Sine: {"type": "sine", "amplitude": 1.0, "frequency": 2.0},
+    bench.Multisine: {"type": "multisine", "amplitudes": [1.0], "frequencies": [2.0], "phases": [3.0]},
+    bench.Chirp: {"type": "chirp", "amplitude": 1.0, "start": 2.0, "stop": 3.0, "duration": 4.0},
+    bench.BandLimitedNoise: {"type": "noise", "std": 1.0, "low": 2.0, "high": 3.0},
+    bench.Excitation: {},
+    bench.Encoder: {"counts_per_revolution": 1000.0},
+    bench.Sensor: {},
+    bench.Sensing: {},
+    bench.Clock: {"sample_time": 0.1, "duration": 1.0},
+    bench.Scorer: {},
+    estimators.SensorTorque: {"type": "sensor"},
+    estimators.ModelTorque: {"type": "model", "law": SPRING},
+    estimators.ResidualTorque: {
+        "type": "residual",
+        "observer_gain": 3.0,
+        "motor_inertia": 1e-4,
+        "motor_damping": 1e-3,
+    },
+    estimators.FiniteDifference: {"type": "difference"},
+    estimators.KinematicKalman: {"type": "kalman", "acceleration_variance": 1e4, "reading_variance": 0.1},
+    estimators.ModifiedKinematicKalman: {"type": "mkkf", "acceleration_variance": 1e4},
+    estimators.SeparableOddPolynomial: {"type": "odd"},
+    estimators.Polynomial: {"type": "polynomial"},
+    estimators.Legendre: {"type": "legendre", "lower": -0.1, "upper": 0.2},
+    estimators.Taylor: {"type": "taylor"},
+    estimators.UnitFactor: {},
+    estimators.EnhancedFactor: {"type": "enhanced", "constant": 1e-20},
+    estimators.ConstantFactor: {"type": "constant", "factor": 0.5},
+    estimators.ExponentialForgetting: {"type": "forgetting", "forgetting": 0.9},
+    estimators.RecursiveLeastSquares: FIT,
+    estimators.ExcitationGate: {},
+    estimators.StiffnessEstimator: SIDE,
+    estimators.AlgebraicObserver: OBSERVER,
+    estimators.AntagonisticPair: {"type": "pair", "side": SIDE},
+    joints.CoulombFriction: {"torque": 0.1},
+    joints.Link: LINK,
+    joints.Motor: MOTOR,
+    joints.SerialJoint: {"link": LINK, "motor": MOTOR, "setpoint_motor": MOTOR, "spring": SPRING},
+    joints.FlexibleJoint: {"link": LINK, "motor": MOTOR, "spring": SPRING},
+    joints.AntagonisticJoint: {
+        "link": LINK,
+        "motor1": MOTOR,
+        "motor2": MOTOR,
+        "spring1": SPRING,
+        "spring2": SPRING,
+    },
+    springs.LinearSpring: SPRING,
+    springs.CubicSpring: {"type": "cubic", "linear": 10.0, "cubic": 20.0},
+    springs.PolynomialSpring: {"type": "polynomial", "coefficients": [1.0, 2.0]},
+    springs.ExponentialSpring: {"type": "exponential", "torque_scale": 1.0, "exponent": 2.0},
+    springs.HyperbolicSpring: {"type": "hyperbolic", "torque_scale": 1.0, "exponent": 2.0},
+    springs.LeverSpring: {"type": "lever", "spring_rate": 1e4, "arm": 0.1, "pitch": 4e-4},
+}
+each_part = pytest.mark.parametrize("part", MINIMAL, ids=lambda part: part.__name__)
+
+
+def target_of(part: type[Part]) -> type:
+    module, name = part.target.split(".")
+    return getattr(getattr(vsajax, module), name)
+
+
+def every_part(root: type = Part) -> set[type]:
+    return {part for child in root.__subclasses__() for part in {child, *every_part(child)}}
+
+
+@pytest.mark.contract
+def test_no_part_is_left_out():
+    # A recorded torque reads its file when it is built; it has a test of its own.
+    assert every_part() == {*MINIMAL, bench.RecordedTorque}
+    assert all(part.__module__.startswith(base.__package__) for part in MINIMAL)
+
+
+@pytest.mark.contract
+@each_part
+def test_a_part_builds_its_class_with_every_field_under_its_own_name(part):
+    table = part.model_validate(MINIMAL[part])
+    built = build(table)
+    assert type(built) is target_of(part)
+    assert {field.name for field in dataclasses.fields(built)} == table.arguments().keys()
+
+
+@pytest.mark.contract
+@each_part
+def test_what_a_table_leaves_out_is_what_the_class_leaves_out(part):
+    table = part.model_validate(MINIMAL[part])
+    given = {name: build(getattr(table, name)) for name in MINIMAL[part] if name != "type"}
+    plain = target_of(part)(**given)
+    assert eqx.tree_equal(build(table), plain)
+
+
+@pytest.mark.contract
+@each_part
+def test_the_numbers_of_a_part_are_strongly_typed_leaves(part):
+    for leaf in jax.tree.leaves(build(part.model_validate(MINIMAL[part]))):
+        assert isinstance(leaf, jax.Array)
+        assert leaf.dtype == "float64"
+        assert not leaf.weak_type
+
+
+@pytest.mark.contract
+def test_a_recorded_torque_is_read_from_its_file(tmp_path):
+    path = tmp_path / "torque.csv"
+    columns = {"time": np.array([0.0, 0.1, 0.3]), "motor_torque": np.array([1.0, -2.0, 0.5])}
+    write_table(path, columns)
+    built = build(bench.RecordedTorque(type="file", path=str(path)))
+    assert type(built) is vsajax.sensing.Recorded
+    np.testing.assert_array_equal(built.time, columns["time"])
+    np.testing.assert_array_equal(built.torque, columns["motor_torque"])
+
+
+TORQUES = [MINIMAL[part] for part in (estimators.SensorTorque, estimators.ModelTorque, estimators.ResidualTorque)]
+BASES = [
+    {"type": "odd", "setpoint_terms": 1},
+    {"type": "odd", "setpoint_terms": 2},
+    {"type": "polynomial"},
+    MINIMAL[estimators.Legendre],
+]
+
+
+SIDES = [
+    {"torque": torque, "basis": basis, "fit": FIT, "deflection": deflection}
+    for torque, basis, deflection in itertools.product(TORQUES, BASES, ["filtered", "raw", "measured"])
+]
+OBSERVERS = [OBSERVER | {"basis": basis} for basis in BASES]
+PAIRS = [{"type": "pair", "side": side} for side in SIDES[::5]]
+PAIRS += [
+    {"type": "pair", "side": side, "other": observer}
+    for side, observer in itertools.product(SIDES[::7], OBSERVERS)
+]
+
+
+@pytest.mark.contract
+def test_the_table_and_the_estimator_need_the_same_signals_and_all_can_be_sensed():
+    everything = set()
+    for part, tables in {
+        estimators.StiffnessEstimator: SIDES,
+        estimators.AlgebraicObserver: OBSERVERS,
+        estimators.AntagonisticPair: PAIRS,
+    }.items():
+        for values in tables:
+            table = part.model_validate(values)
+            assert table.needs == build(table).needs, values
+            everything |= table.needs
+    # All of them are asked for by one combination or another.
+    assert everything == bench.Sensing.model_fields.keys()
+
+
+@pytest.mark.contract
+def test_what_is_no_table_is_built_as_it_is():
+    assert build(3.0) == 3.0
+    assert build(None) is None
+    assert build("nearest") == "nearest"

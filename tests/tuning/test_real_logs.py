@@ -1,0 +1,73 @@
+"""The tuned kind of estimator over what real actuators logged, through the command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from tuning.logs import read_recording
+from tuning.resources import CONFIGS
+
+CONFIG, LOGS = CONFIGS / "tuned" / "sea_sensor.toml", CONFIGS / "logs"
+ROOT = Path(__file__).parents[2]
+HEBI = ROOT / "tests" / "golden" / "hebi" / "exampleLog.csv"
+TREGEAR = ROOT.parent / "shared" / "data" / "sea_tregear" / "runs.parquet"
+SECOND_SPRING = [
+    "kt-1-4-13-2-27022023-171453",
+    "kt-1-5-14-2-27022023-171936",
+    "kt-1-6-15-2-27022023-172030",
+    "kt-2-4-16-2-27022023-172136",
+    "kt-2-5-17-2-27022023-172319",
+    "kt-2-6-18-2-27022023-172422",
+]
+
+
+@pytest.mark.real
+@pytest.mark.cli
+@pytest.mark.skipif(
+    not TREGEAR.is_file(), reason=f"the SEA recordings may not be shipped and are not in {TREGEAR}"
+)
+@pytest.mark.parametrize("run", SECOND_SPRING)
+def test_the_second_spring_is_found_with_its_band_and_only_after_it_moved(run, vsajax, tmp_path):
+    output, signal_map = tmp_path / "estimate.parquet", LOGS / "sea_tregear.toml"
+    words = ("estimate", TREGEAR, "--map", signal_map, "-c", CONFIG, "--select", f"file={run}", "-o", output)
+    ended = vsajax(*words, "--json")
+    assert (ended.code, ended.err) == (0, "")
+    result = json.loads(ended.out)
+    assert any("rows selected by file" in note for note in result["notes"])
+
+    recording = read_recording(TREGEAR, signal_map, select={"file": run}).columns
+    deflection, torque = recording["deflection"], recording["elastic_torque"]
+    slope = np.polyfit(deflection, torque, 1)[0]
+    # The prior weighs 1e-6 against 1e4 samples with features near one: nothing, beside rounding.
+    assert result["final_stiffness"] == pytest.approx(slope, rel=1e-6)
+    assert 2600.0 < slope < 2630.0
+    # The band holds the slope, and is no wider than a percent.
+    assert abs(result["final_stiffness"] - slope) <= 1.96 * result["final_stiffness_std"]
+    assert 0.0 < 1.96 * result["final_stiffness_std"] < 0.01 * slope
+
+    table = pq.read_table(output)
+    time, known = table["time"].to_numpy(), table["known"].to_numpy()
+    assert not known[time < 5.0].any()
+    assert np.ptp(deflection[time < 5.0]) < 2e-4
+    assert known[-1]
+    assert result["known_from"] == time[np.argmax(known)] < 9.0
+
+
+@pytest.mark.real
+@pytest.mark.cli
+def test_the_hebi_log_has_the_stiffness_its_maker_set(vsajax, tmp_path):
+    words = ("estimate", HEBI, "--map", LOGS / "hebi.toml", "-c", CONFIG, "-o", tmp_path / "estimate.csv")
+    ended = vsajax(*words, "--json")
+    assert (ended.code, ended.err) == (0, "")
+    result = json.loads(ended.out)
+    # The log's effort is −40 times its deflection to the last digit; the prior costs 1e-6/1e3 and the digits 1e-9.
+    assert result["final_stiffness"] == pytest.approx(40.0, rel=1e-7)
+    assert result["final_known"] is True
+    assert result["samples"] == 999
+    assert "scores" not in result
+    assert (tmp_path / "estimate.png").stat().st_size > 0

@@ -1,0 +1,152 @@
+"""A study as data: its hash, its forms on disk, and its numbers as leaves of the built bench."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import tomllib
+
+import equinox as eqx
+import jax
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.tuning.builders import EXAMPLES, PRIOR, SERIAL, TUNED
+from tuning.build import build, build_bench, build_estimator, number, with_leaves
+from tuning.parts.joints import SerialJoint
+from tuning.resources import preset_path
+from tuning.schema import read_toml, validate
+from tuning.study import (
+    load_config,
+    load_study,
+    numeric_paths,
+    parse_study,
+    resolved,
+    study_hash,
+    to_toml,
+    with_numbers,
+)
+from vsajax.plants import awas
+
+NUMBERS = numeric_paths(load_study(SERIAL))
+each_example = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+
+
+@pytest.mark.contract
+def test_the_shipped_files_were_found():
+    assert {"serial", "sea"} <= {path.stem for path in EXAMPLES}
+    assert {"sea_sensor"} <= {path.stem for path in TUNED}
+
+
+@pytest.mark.contract
+@each_example
+def test_every_example_is_a_valid_study_of_its_kind(path):
+    study = load_study(path)
+    assert study.kind == path.stem
+    assert study.sweep.grid
+    assert study.tune.parameters
+
+
+@pytest.mark.contract
+@pytest.mark.parametrize("path", TUNED, ids=lambda path: path.stem)
+def test_every_tuned_configuration_is_valid_and_builds(path):
+    estimator = build_estimator(load_config(path))
+    assert estimator.needs
+
+
+@pytest.mark.contract
+def test_the_preset_file_is_the_librarys_awas_leaf_for_leaf():
+    joint = build(validate(SerialJoint, read_toml(preset_path("awas", "here")), "awas"))
+    assert eqx.tree_equal(joint, awas())
+
+
+@pytest.mark.contract
+@each_example
+def test_every_number_of_a_study_is_a_leaf_of_the_bench_with_its_value(path):
+    study = load_study(path)
+    bench, numbers = build_bench(study), numeric_paths(study)
+    leaves = jax.tree.leaves(eqx.filter(bench, eqx.is_inexact_array))
+    assert all(leaf.dtype == "float64" and not leaf.weak_type for leaf in leaves)
+    for dotted, value in numbers.items():
+        leaf = number(bench, dotted)
+        assert any(leaf is one for one in leaves), dotted
+        assert leaf.shape == ()
+        assert float(leaf) == value
+    # And no scalar leaf is out of reach; the clock, whose other numbers are static, varies nothing.
+    assert len(numbers) == sum(leaf.ndim == 0 for leaf in leaves) - len(jax.tree.leaves(bench.clock))
+
+
+@pytest.mark.contract
+@each_example
+def test_replacing_a_leaf_replaces_that_leaf_alone(path):
+    study = load_study(path)
+    bench, numbers = build_bench(study), numeric_paths(study)
+    assert with_leaves(bench, {}) is bench
+    changed = with_leaves(bench, {dotted: 1.0 + number(bench, dotted) for dotted in list(numbers)[::3]})
+    for i, (dotted, value) in enumerate(numbers.items()):
+        assert float(number(changed, dotted)) == (value if i % 3 else 1.0 + value)
+
+
+# At least 1 is within the limits of every number of the example.
+@pytest.mark.equivalence
+@settings(deadline=None, max_examples=50)
+@given(st.dictionaries(st.sampled_from(sorted(NUMBERS)), st.floats(1.0, 1e300), min_size=1))
+def test_a_study_survives_toml_and_json(values):
+    study = with_numbers(load_study(SERIAL, ["sweep={}", "tune={}"]), values, "drawn")
+    tables = resolved(study)
+    for text, read in ((to_toml(tables), tomllib.loads), (json.dumps(tables), json.loads)):
+        again = parse_study(read(text), "again")
+        assert again == study
+        assert resolved(again) == tables
+        assert study_hash(again) == study_hash(study)
+    assert {path: numeric_paths(study)[path] for path in values} == values
+
+
+@pytest.mark.equivalence
+@each_example
+def test_an_example_survives_toml_with_its_grid_and_bounds(path):
+    study = load_study(path)
+    assert parse_study(tomllib.loads(to_toml(resolved(study))), "again") == study
+
+
+def leaves_of(tables, prefix=()):
+    """Yield the keys and value of every number in nested tables and lists."""
+    items = tables.items() if isinstance(tables, dict) else enumerate(tables)
+    for key, value in items:
+        if isinstance(value, dict | list):
+            yield from leaves_of(value, (*prefix, key))
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield (*prefix, key), value
+
+
+@each_example
+def test_the_hash_changes_with_any_number(path):
+    # With a sensor for the setpoint, one more term of it is allowed too.
+    study = load_study(path, ["sensing.setpoint_position={}"])
+    tables, hashes = resolved(study), {study_hash(study)}
+    found = [keys for keys, _ in leaves_of(tables) if keys != ("schema_version",)]
+    assert len(found) > len(numeric_paths(study))
+    for *parents, last in found:
+        changed = copy.deepcopy(tables)
+        table = changed
+        for key in parents:
+            table = table[key]
+        table[last] = table[last] + 1 if isinstance(table[last], int) else math.nextafter(table[last], math.inf)
+        hashes.add(study_hash(parse_study(changed, "changed")))
+    assert len(hashes) == len(found) + 1
+
+
+def test_the_hash_does_not_change_with_name_and_provenance():
+    plain = study_hash(load_study(SERIAL))
+    assert plain == study_hash(load_study(SERIAL, ["name=other", "provenance={seed=3}"]))
+    assert plain != study_hash(load_study(SERIAL, ["scorer.tolerance=0.06"]))
+
+
+def test_numbers_are_replaced_and_held_to_their_limits():
+    study = load_study(SERIAL)
+    changed = with_numbers(study, {PRIOR: 3.0, "joint.link.inertia": 0.2}, "here")
+    assert numeric_paths(changed) == numeric_paths(study) | {PRIOR: 3.0, "joint.link.inertia": 0.2}
+    with pytest.raises(ValueError, match=r"here: estimator\.fit\.prior_scale: got -3\.0"):
+        with_numbers(study, {PRIOR: -3.0}, "here")

@@ -1,0 +1,126 @@
+"""Derivatives of the tuning objective: forward mode, reverse mode and finite differences."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.vsajax.builders import paper_basis, paper_estimator, paper_recording, residual_torque
+from vsajax import Recording, Scorer, experiment
+from vsajax.estimators import (
+    ExponentialForgetting,
+    FiniteDifference,
+    ModifiedKinematicKalman,
+    RecursiveLeastSquares,
+    SensorTorque,
+    StiffnessEstimator,
+)
+
+pytestmark = pytest.mark.gradient
+
+SAMPLES = 400
+NAMES = ("observer gain", "V_a", "prior scale", "V_max", "V_min", "sharpness")
+AT = np.log([300.0, 5e9, 1.0, 10.0, 0.1, 6.0])
+
+
+def tuned(log_parameters: jax.Array) -> StiffnessEstimator:
+    gain, acceleration, prior, slow, fast, sharpness = jnp.exp(log_parameters)
+    return paper_estimator(
+        residual_torque(gain),
+        basis=paper_basis(3, 2),
+        fit=RecursiveLeastSquares(prior),
+        velocity=ModifiedKinematicKalman(acceleration, slow, fast, sharpness),
+    )
+
+
+def msrep(estimator: StiffnessEstimator, recording: Recording, stiffness: jax.Array) -> jax.Array:
+    return jnp.sum(experiment.residuals(estimator, recording, stiffness, scorer=Scorer()) ** 2)
+
+
+def assert_finite(tree) -> None:
+    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+        assert np.all(np.isfinite(leaf)), jax.tree_util.keystr(path)
+
+
+@pytest.fixture(scope="module")
+def objective(golden):
+    recording = paper_recording(golden, "residual", SAMPLES)
+    stiffness = jnp.asarray(golden["sigma"][:SAMPLES])
+    return lambda x: msrep(tuned(x), recording, stiffness)
+
+
+def test_forward_reverse_and_finite_differences_agree(objective):
+    at, step = jnp.asarray(AT), 1e-4
+    forward, reverse = jax.jit(jax.jacfwd(objective))(at), jax.jit(jax.grad(objective))(at)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9)
+    # Five-point differences along each logarithm, over which the objective varies at unit scale: truncation
+    # step⁴ = 1e-16, rounding of the regression 1e-12/step = 1e-8.
+    offsets = jnp.asarray([-2, -1, 1, 2])[:, None, None] * step * jnp.eye(len(AT))
+    values = jax.jit(lambda x: jax.lax.map(objective, x))((at + offsets).reshape(-1, len(AT))).reshape(4, -1)
+    differences = jnp.asarray([1, -8, 8, -1]) @ values / (12 * step)
+    for name, ours, theirs in zip(NAMES, forward, differences, strict=True):
+        assert ours == pytest.approx(float(theirs), rel=1e-6), name
+        assert abs(ours) > 1e-4 * abs(values[0, 0]), f"the objective does not feel {name}"
+
+
+def test_objective_is_the_printed_msrep(objective, golden):
+    recording = paper_recording(golden, "residual", SAMPLES)
+    stiffness = jnp.asarray(golden["sigma"][:SAMPLES])
+    scores = experiment.score(tuned(jnp.asarray(AT)), recording, stiffness, scorer=Scorer())
+    np.testing.assert_allclose(objective(jnp.asarray(AT)), scores.msrep, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("mode", "deflection", "source"),
+    [
+        (jax.jacfwd, "filtered", residual_torque()),
+        (jax.jacrev, "filtered", residual_torque()),
+        (jax.jacrev, "raw", SensorTorque()),
+        (jax.jacrev, "measured", SensorTorque()),
+    ],
+    ids=["forward", "reverse", "raw", "measured"],
+)
+def test_derivatives_are_finite_without_deflection_and_noise(mode, deflection, source):
+    # Everything at rest: φ = 0, every speed 0, every innovation 0.
+    still = jnp.zeros(30)
+    recording = Recording(jnp.arange(30) * 1e-3, *(still,) * 6)
+    estimator = paper_estimator(source, basis=paper_basis(2, 1), deflection=deflection)
+    slopes = jax.jit(mode(lambda e: msrep(e, recording, jnp.full(30, 100.0))))(estimator)
+    assert_finite(slopes)
+
+
+def test_absent_options_have_no_derivative_and_present_ones_a_finite_one(golden):
+    recording = paper_recording(golden, "residual", 100)
+    stiffness = jnp.asarray(golden["sigma"][:100])
+    torques = (
+        residual_torque(),
+        eqx.tree_at(
+            lambda t: t.friction_torque, residual_torque(), jnp.asarray(0.01), is_leaf=lambda x: x is None
+        ),
+    )
+    plain, rubbing = (
+        jax.jit(jax.grad(msrep))(paper_estimator(torque, basis=paper_basis(1, 1)), recording, stiffness)
+        for torque in torques
+    )
+    assert plain.torque.friction_torque is None
+    assert rubbing.torque.friction_torque != 0.0
+    assert_finite((plain, rubbing))
+
+
+@pytest.mark.parametrize(
+    "velocity",
+    [FiniteDifference(), ModifiedKinematicKalman(5e9, scaling="printed")],
+    ids=["difference", "printed"],
+)
+def test_other_filters_and_forgetting_have_finite_derivatives(golden, velocity):
+    estimator = paper_estimator(
+        residual_torque(),
+        basis=paper_basis(1, 1),
+        velocity=velocity,
+        fit=RecursiveLeastSquares(1.0, ExponentialForgetting(0.99)),
+    )
+    recording = paper_recording(golden, "residual", 100)
+    slopes = jax.jit(jax.grad(msrep))(estimator, recording, jnp.asarray(golden["sigma"][:100]))
+    assert_finite(slopes)
+    assert slopes.fit.law.forgetting != 0.0
