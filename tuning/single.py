@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +16,10 @@ from tuning.logs import RecordingTable
 from tuning.problem import Problem, scenario_keys
 from tuning.study import Config, Study
 from vsajax import Estimate, Recording, experiment
+from vsajax.estimators import AbstractEstimator, AntagonisticPair
+
+_PRIOR_LIMITS = 0.02
+"""Change of the stiffness under a ten times weaker prior that is worth a warning."""
 
 
 def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
@@ -54,7 +59,9 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
     """Run the configured estimator over a recording and score it where it has a column true_stiffness."""
     signals = {name: jnp.asarray(table.columns[name]) for name in Recording._fields if name in table.columns}
     recording = Recording(**signals)
-    answer: Estimate = jax.jit(experiment.estimate)(build_estimator(config), recording)
+    estimator = build_estimator(config)
+    run = jax.jit(experiment.estimate)
+    answer: Estimate = run(estimator, recording)
     columns = {
         "time": np.asarray(recording.time),
         "stiffness": np.asarray(answer.stiffness),
@@ -65,6 +72,9 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
         "torque": np.asarray(answer.signals.torque),
     }
     summary, sentences = _summarise(columns)
+    prior, warning = _weigh_prior(answer, run(_with_weaker_prior(estimator), recording))
+    summary |= prior
+    sentences += warning
     if "true_stiffness" in table.columns:
         scorer = build(config.scorer)
         truth = jnp.asarray(table.columns["true_stiffness"])
@@ -76,6 +86,34 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
             f"within {100 * config.scorer.tolerance:g} % after {summary['scores']['convergence_time']:.3g} s"
         )
     return Answer(columns, summary, sentences)
+
+
+def _with_weaker_prior(estimator: AbstractEstimator) -> AbstractEstimator:
+    """Return the estimator with priors ten times as weak."""
+
+    def priors(e: Any) -> list[Any]:
+        parts: tuple[Any, ...] = (e.side, e.other) if isinstance(e, AntagonisticPair) else (e,)
+        return [part.fit.prior_scale for part in parts if part is not None]
+
+    return eqx.tree_at(priors, estimator, [10.0 * scale for scale in priors(estimator)])
+
+
+def _weigh_prior(answer: Estimate, weaker: Estimate) -> tuple[dict[str, Any], list[str]]:
+    """Compare an answer with that of a weaker prior: where they differ, the data do not decide."""
+    known = np.asarray(answer.known)
+    determined = float(answer.signals.determined[-1])
+    if not known.any():
+        return {"determined_coefficients": determined, "prior_influence": math.nan}, []
+    own, other = np.asarray(answer.stiffness)[known], np.asarray(weaker.stiffness)[known]
+    influence = float(np.sqrt(np.mean((own - other) ** 2) / np.mean(own**2)))
+    facts = {"determined_coefficients": determined, "prior_influence": influence}
+    if not influence > _PRIOR_LIMITS:
+        return facts, []
+    return facts, [
+        f"WARNING: the prior, not the data, limits the fit: ten times weaker, it changes the stiffness by "
+        f"{100 * influence:.2g} % (the data determine {determined:.2g} coefficients). "
+        "Raise fit.prior_scale, scale the basis, or excite the joint more"
+    ]
 
 
 def _summarise(columns: dict[str, np.ndarray]) -> tuple[dict[str, Any], list[str]]:

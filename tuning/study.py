@@ -168,15 +168,15 @@ def numeric_paths(config: Config) -> dict[str, float]:
     found: dict[str, float] = {}
 
     def walk(prefix: str, value: Any) -> None:
-        if isinstance(value, Mapping):
-            for key, inner in value.items():
-                walk(f"{prefix}.{key}" if prefix else key, inner)
+        if isinstance(value, Part):
+            for name in type(value).model_fields:
+                if name not in value.static:
+                    walk(f"{prefix}.{name}", getattr(value, name))
         elif isinstance(value, float):
             found[prefix] = value
 
-    tables = resolved(config)
-    for part in ("joint", "excitation", "sensing", "estimator", "scorer"):
-        walk(part, tables.get(part, {}))
+    for part in ("joint", "excitation", "sensing", "estimator", "scorer", "clock"):
+        walk(part, getattr(config, part, None))
     return found
 
 

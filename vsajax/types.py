@@ -130,12 +130,15 @@ class Signals(NamedTuple):
         torque: the elastic torque fed to the fit [N·m].
         motor_velocity: [rad/s]; 0 where no velocity filter runs.
         stability_factor: a(k) of the recursive fit, dimensionless.
+        determined: how many of the coefficients the data determine rather than the prior, the effective
+            degrees of freedom of the fit.
     """
 
     deflection: Float[Array, "..."]
     torque: Float[Array, "..."]
     motor_velocity: Float[Array, "..."]
     stability_factor: Float[Array, "..."]
+    determined: Float[Array, "..."]
 
 
 class Estimate(NamedTuple):

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from tuning.resources import CONFIGS
 from tuning.study import Study, load_study
 
@@ -13,7 +10,7 @@ TUNED = sorted((CONFIGS / "tuned").glob("*.toml"))
 SERIAL, SEA = CONFIGS / "studies" / "serial.toml", CONFIGS / "studies" / "sea.toml"
 
 GAIN, PRIOR = "estimator.torque.observer_gain", "estimator.fit.prior_scale"
-VARIANCE = "estimator.velocity.acceleration_variance"
+NOISE = "sensing.elastic_torque.noise_std"
 FORGETTING = "estimator.fit.law.forgetting"
 
 # At 0.1 Hz the AwAS hardly moves in a fraction of a second: drive it faster.
@@ -28,27 +25,29 @@ SMALL = (
     "tune={}",
 )
 
+TINY = (
+    "estimator.torque={type='sensor'}",
+    "estimator.velocity={type='difference'}",
+    "estimator.basis={type='odd'}",
+)
+
 
 def small_serial(*settings: str) -> Study:
     """Return the AwAS study over 0.2 s with two coefficients, no grid and nothing to tune."""
     return load_study(SERIAL, [*SMALL, *settings])
 
 
-def settings_of(tables: Mapping[str, Any]) -> list[str]:
-    """Return `--set` and its value for each of some dotted keys."""
-    return [word for key, value in tables.items() for word in ("--set", f"{key}={value}")]
+def tiny_serial(*settings: str) -> Study:
+    """Return the same with one coefficient fitted to a torque sensor: nothing compiles faster."""
+    return small_serial(*TINY, *settings)
 
 
 def tiny_tuning(*settings: str) -> Study:
-    """Return a study with one coefficient fitted to a torque sensor, and two of its numbers to tune."""
-    law = "{ type = 'forgetting', forgetting = 0.9 }"
+    """Return the same with two of its numbers to tune, of which the memory starts far too short."""
     prior = f"'{PRIOR}' = {{ low = 1e-3, high = 10.0, points = 3 }}"
     bounds = f"{prior}, '{FORGETTING}' = {{ low = 0.85, high = 0.999 }}"
-    return small_serial(
-        "estimator.torque={type='sensor'}",
-        "estimator.velocity={type='difference'}",
-        "estimator.basis={type='odd'}",
-        f"estimator.fit={{ prior_scale = 1.0, law = {law} }}",
+    return tiny_serial(
+        "estimator.fit={ prior_scale = 1.0, law = { type = 'forgetting', forgetting = 0.9 } }",
         f"tune={{ starts = 2, screen = 4, max_steps = 20, parameters = {{ {bounds} }} }}",
         *settings,
     )

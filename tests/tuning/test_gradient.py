@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.tuning.builders import SERIAL, small_serial, tiny_tuning
+from tests.tuning.builders import SERIAL, tiny_tuning
 from tuning.gradient import GradientTuner
 from tuning.study import load_study
 from tuning.tune import Search
@@ -62,9 +62,7 @@ def test_forward_and_reverse_mode_agree_and_are_finite_up_to_the_bounds():
 @pytest.mark.gradient
 @pytest.mark.parametrize("algorithm", ["levenberg-marquardt", "bfgs"])
 def test_every_algorithm_leads_down_within_the_bounds(algorithm):
-    gain = "'estimator.torque.observer_gain' = { low = 3.0, high = 1500.0 }"
-    prior = "'estimator.fit.prior_scale' = { low = 1e-4, high = 1e3 }"
-    study = small_serial("clock.duration=1.0", f"tune={{ max_steps = 30, parameters = {{ {gain}, {prior} }} }}")
+    study = tiny_tuning("clock.duration=1.0", "tune.max_steps=30")
     search = Search(study, "gradient", algorithm)
     tuner, own = search.tuner, search.own
     outcome = tuner.run(own)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.tuning.builders import GAIN, PRIOR, SERIAL, SMALL
+from tests.tuning.builders import NOISE, PRIOR, SERIAL, SMALL, TINY
 
 ROOT = Path(__file__).parents[2]
 POINTS = 12
@@ -42,8 +42,8 @@ def start(run: Path, *options: str, pause: float = 0.0) -> subprocess.Popen[str]
     """Start a sweep that notes in RUN.begun every chunk that it begins."""
     priors = ",".join(f"{0.1 * (i + 1):.1f}" for i in range(POINTS))
     words = [sys.executable, "-c", SLOWED, "sweep", SERIAL, "-o", run, "--scenarios", "2", *options]
-    words += ["--grid", f"{PRIOR}={priors}", "--grid", f"{GAIN}=100,300"]
-    words += [word for setting in SMALL for word in ("--set", setting)]
+    words += ["--grid", f"{PRIOR}={priors}", "--grid", f"{NOISE}=0.01,0.03"]
+    words += [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]
     own = {"PYTHONPATH": str(ROOT), "BEGUN": str(begun_in(run)), "PAUSE": str(pause)}
     pipe = subprocess.PIPE
     return subprocess.Popen(list(map(str, words)), env=os.environ | own, stdout=pipe, stderr=pipe, text=True)

@@ -18,6 +18,7 @@ from tuning.parts.base import Part
 
 LINK, MOTOR = {"inertia": 0.1, "damping": 0.2}, {"inertia": 1e-4, "damping": 1e-3}
 SPRING = {"type": "linear", "rate": 10.0}
+SPRINGS = {"spring1": SPRING, "spring2": SPRING}
 BASIS, FIT = {"type": "polynomial"}, {"prior_scale": 2.0}
 SIDE = {"torque": {"type": "sensor"}, "basis": BASIS, "fit": FIT}
 OBSERVER = {
@@ -125,11 +126,14 @@ def test_what_a_table_leaves_out_is_what_the_class_leaves_out(part):
 
 @pytest.mark.contract
 @each_part
-def test_the_numbers_of_a_part_are_strongly_typed_leaves(part):
-    for leaf in jax.tree.leaves(build(part.model_validate(MINIMAL[part]))):
+def test_the_numbers_of_a_part_are_strongly_typed_leaves_but_for_those_it_names(part):
+    built = build(part.model_validate(MINIMAL[part]))
+    for leaf in jax.tree.leaves(built):
         assert isinstance(leaf, jax.Array)
         assert leaf.dtype == "float64"
         assert not leaf.weak_type
+    values = {field.name: getattr(built, field.name) for field in dataclasses.fields(built)}
+    assert part.static == {name for name, value in values.items() if isinstance(value, float)}
 
 
 @pytest.mark.contract

@@ -8,21 +8,21 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from tests.tuning.builders import GAIN, PRIOR, small_serial
+from tests.tuning.builders import NOISE, PRIOR, tiny_serial
 from tuning import sweep as sweep_module
 from tuning.errors import InputError
 from tuning.study import with_grid
 from tuning.sweep import GridSweep, plan_sweep, rank
 
-AXES = {GAIN: [100.0, 300.0], PRIOR: [0.1, 0.3, 1.0, 3.0, 10.0]}
+AXES = {NOISE: [0.01, 0.03], PRIOR: [0.1, 0.3, 1.0, 3.0, 10.0]}
 SCENARIOS = 2
 ONE_POINT = 2 * SCENARIOS * 201
-"""Lane-steps of one outer point: gains × scenarios × samples."""
+"""Lane-steps of one outer point: noise levels × scenarios × samples."""
 
 
 def in_chunks_of(points: int, monkeypatch) -> GridSweep:
     monkeypatch.setattr(sweep_module, "_STEPS_PER_CHUNK", points * ONE_POINT)
-    planned = GridSweep(small_serial("scorer.warm_up=0.1"), AXES, SCENARIOS)
+    planned = GridSweep(tiny_serial("scorer.warm_up=0.1"), AXES, SCENARIOS)
     assert planned.points_per_chunk == points
     return planned
 
@@ -40,7 +40,7 @@ def test_results_have_one_row_a_configuration_and_scenario(whole):
     planned, table = whole
     assert planned.chunks == ["000000", "000001"]
     assert table.num_rows == 10 * SCENARIOS
-    assert {"configuration", "scenario", GAIN, PRIOR, "msrep", "convergence_time", "diverged"} <= set(
+    assert {"configuration", "scenario", NOISE, PRIOR, "msrep", "convergence_time", "diverged"} <= set(
         table.column_names
     )
     rows = table.to_pylist()
@@ -107,13 +107,13 @@ def test_a_forecast_is_of_the_whole_sweep(whole):
 @pytest.mark.failure
 def test_a_sweep_without_axes_is_refused():
     with pytest.raises(InputError, match=r"study\.toml: sweep\.grid: has no axis\n.*--grid estimator"):
-        plan_sweep(small_serial(), "study.toml")
+        plan_sweep(tiny_serial(), "study.toml")
 
 
 def test_the_grid_of_the_command_line_replaces_the_studys():
-    study = small_serial("sweep.scenarios=9", f"sweep.grid={{ '{GAIN}' = [1.0, 2.0] }}")
+    study = tiny_serial("sweep.scenarios=9", f"sweep.grid={{ '{NOISE}' = [1.0, 2.0] }}")
     planned = plan_sweep(with_grid(study, [], None), "here")
-    assert (planned.axes, planned.scenarios) == ({GAIN: [1.0, 2.0]}, 9)
+    assert (planned.axes, planned.scenarios) == ({NOISE: [1.0, 2.0]}, 9)
     planned = plan_sweep(with_grid(study, [f"{PRIOR}=lin(1,3,3)"], 4), "here")
     assert (planned.axes, planned.scenarios) == ({PRIOR: [1.0, 2.0, 3.0]}, 4)
 

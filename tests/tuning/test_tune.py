@@ -2,85 +2,52 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 
 import jax.numpy as jnp
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, tiny_tuning
 from tuning.errors import InputError
 from tuning.gradient import GradientTuner, Outcome
 from tuning.grid import Grid
+from tuning.judging import Judgement
 from tuning.problem import Problem, scenario_keys
 from tuning.study import load_study, numeric_paths, resolved, study_hash
-from tuning.tune import Judgement, Search, Tuned, plan_search, tune
+from tuning.tune import Search, Tuned, plan_search, tune
 
-METHODS = ["gradient", "grid", "hybrid"]
-CHUNKS = {method: ["screen", "start-000", "start-001"] for method in METHODS} | {"grid": ["screen"]}
-
-
-@pytest.fixture(scope="module", params=METHODS)
-def run(request, tmp_path_factory):
-    """A finished search of each method: what was searched, what was found, and where it is."""
-    search = Search(tiny_tuning(), request.param)
-    folder = tmp_path_factory.mktemp(request.param) / "run"
-    return search, tune(search, folder, quiet=True), folder
+METHODS = {"gradient": 2, "grid": 0, "hybrid": 2}
+"""Starts of each method."""
 
 
+@pytest.fixture
 def unjudged(monkeypatch) -> None:
     """Take the judging away, which is no chunk of the run and compiles programs of its own."""
-    blank = Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0, 1, np.ones(1))
+    blank = Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0, 1, np.ones(1))
     monkeypatch.setattr(Search, "judge", lambda *_: blank)
 
 
-def test_a_search_finds_better_numbers_within_the_bounds(run):
-    search, tuned, _ = run
-    assert set(tuned.values) == {PRIOR, FORGETTING}
-    for path, bounds in search.study.tune.parameters.items():
-        assert bounds.low <= tuned.values[path] <= bounds.high
-    # The study's own numbers were made bad: a short memory.
-    assert tuned.held_out.mean < 0.8 * tuned.before.mean
-    assert tuned.train.mean <= min([o.objective for o in tuned.outcomes], default=math.inf) * (1 + 1e-9)
-
-
-def test_the_best_is_a_study_that_says_where_it_comes_from(run):
-    search, tuned, folder = run
-    best = load_study(folder / "best.toml")
-    assert numeric_paths(best) == numeric_paths(search.study) | tuned.values
-    assert {**resolved(best), "provenance": {}} == {
-        **resolved(search.study),
-        "estimator": resolved(best)["estimator"],
-    }
-    source = best.provenance
-    assert {key: source[key] for key in ("command", "method", "algorithm", "seed", "study_hash", "tuned")} == {
-        "command": "tune",
-        "method": search.method,
-        "algorithm": "levenberg-marquardt",
-        "seed": 0,
-        "study_hash": study_hash(search.study),
-        "tuned": [FORGETTING, PRIOR],
-    }
-    assert "jax" in source["versions"]
-    for name in ("train", "held_out"):
-        written, judged = source[name], getattr(tuned, name)
-        assert written["mean"] == judged.mean
-        assert written["scenarios"] == getattr(search.study.scenarios, name)
-        assert judged.low < judged.mean < judged.high
-    assert source["before_on_held_out"]["mean"] == tuned.before.mean
-
-
-def test_every_screening_and_start_is_a_chunk_of_the_run(run):
-    search, _, folder = run
-    assert sorted(path.stem for path in (folder / "chunks").iterdir()) == CHUNKS[search.method]
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.usefixtures("unjudged")
+def test_a_search_ends_with_the_best_of_what_it_tried_and_is_not_computed_again(method, monkeypatch, tmp_path):
+    search, folder = Search(tiny_tuning(), method), tmp_path / "run"
+    tuned = tune(search, folder, quiet=True)
+    starts = [f"start-{i:03d}" for i in range(METHODS[method])]
+    assert json.loads((folder / "manifest.json").read_text())["chunks"] == ["screen", *starts]
     assert sorted(os.listdir(folder)) == ["best.toml", "chunks", "manifest.json", "results.parquet"]
-
-
-@pytest.mark.equivalence
-def test_a_finished_search_is_read_back_and_nothing_is_computed_again(run, monkeypatch):
-    search, tuned, folder = run
-    unjudged(monkeypatch)
+    tried = pq.read_table(folder / "results.parquet").to_pylist()
+    assert len(tried) == {"gradient": 4, "grid": 15, "hybrid": 15}[method] + len(starts)
+    best = min(tried, key=lambda row: row["objective"])
+    assert tuned.values == {path: best[path] for path in (PRIOR, FORGETTING)}
+    for path, bounds in search.study.tune.parameters.items():
+        assert all(bounds.low <= row[path] <= bounds.high for row in tried)
+    # The first start is the study itself, the second the best that was screened: neither may end worse.
+    assert [outcome.start for outcome in tuned.outcomes[:1]] == [search.own][: len(starts)]
+    assert numeric_paths(load_study(folder / "best.toml")) == numeric_paths(search.study) | tuned.values
 
     def refuse(*_):
         raise AssertionError("computed again")
@@ -88,15 +55,49 @@ def test_a_finished_search_is_read_back_and_nothing_is_computed_again(run, monke
     monkeypatch.setattr(Search, "screen", refuse)
     monkeypatch.setattr(GradientTuner, "run", refuse)
     before = (folder / "results.parquet").read_bytes()
-    again = tune(Search(tiny_tuning(), search.method), folder, resume=True, quiet=True)
+    again = tune(Search(tiny_tuning(), method), folder, resume=True, quiet=True)
     assert again.values == tuned.values
     assert again.outcomes == tuned.outcomes
     assert (folder / "results.parquet").read_bytes() == before
 
 
+def test_the_best_is_a_study_with_its_scores_and_where_it_comes_from(monkeypatch, tmp_path):
+    found = {PRIOR: 1.0, FORGETTING: 0.97}
+    monkeypatch.setattr(Search, "screen", lambda _, points: points[:, 0])
+    monkeypatch.setattr(GradientTuner, "run", lambda _, start: Outcome(start, found, 1.0, 7, "converged"))
+    search = Search(tiny_tuning("seed=3"), "gradient")
+    tuned = tune(search, tmp_path, quiet=True)
+    best = load_study(tmp_path / "best.toml")
+    assert numeric_paths(best) == numeric_paths(search.study) | found
+    expected = resolved(search.study) | {"estimator": resolved(best)["estimator"]}
+    assert resolved(best) | {"provenance": {}} == expected
+    source = best.provenance
+    assert "jax" in source.pop("versions")
+    judged = {name: source.pop(name) for name in ("train", "held_out", "before_on_held_out")}
+    assert source == {
+        "command": "tune",
+        "method": "gradient",
+        "algorithm": "levenberg-marquardt",
+        "objective": "msrep",
+        "seed": 3,
+        "study_hash": study_hash(search.study),
+        "tuned": [FORGETTING, PRIOR],
+    }
+    assert [judged[name]["scenarios"] for name in judged] == [3, 5, 5]
+    for name, judgement in (
+        ("train", tuned.train),
+        ("held_out", tuned.held_out),
+        ("before_on_held_out", tuned.before),
+    ):
+        assert judged[name]["mean"] == judgement.mean
+        assert judged[name]["low"] < judgement.mean < judged[name]["high"]
+    # A longer memory is better on noise that nobody looked at.
+    assert tuned.held_out.mean < tuned.before.mean
+
+
 @pytest.mark.equivalence
+@pytest.mark.usefixtures("unjudged")
 def test_an_interrupted_search_goes_on_with_the_start_that_is_missing(monkeypatch, tmp_path):
-    unjudged(monkeypatch)
     asked = []
 
     def solve(_self: GradientTuner, start: dict[str, float]) -> Outcome:
@@ -141,12 +142,12 @@ def test_a_judgement_is_of_the_scores_on_its_stream():
     judged = search.judge({PRIOR: 2.0, FORGETTING: 0.95}, "held_out", 5)
     study = tiny_tuning(f"{PRIOR}=2.0", f"{FORGETTING}=0.95")
     scores = Grid(Problem(study), {}, 5, "held_out").evaluate(np.empty((1, 0)))["msrep"][0, 0]
-    np.testing.assert_allclose(judged.msrep, scores, rtol=1e-12)
+    np.testing.assert_allclose(judged.each, scores, rtol=1e-12)
     assert judged.mean == pytest.approx(scores.mean(), rel=1e-12)
     assert judged.median == pytest.approx(np.median(scores), rel=1e-12)
     assert scores.min() < judged.low < judged.mean < judged.high < scores.max()
     assert (judged.diverged, judged.scenarios) == (0, 5)
-    assert "msrep" not in judged.summary()
+    assert "each" not in judged.summary()
     assert len(np.unique(scores)) == 5
     assert len(scenario_keys(study, "held_out", 5)) == 5
 

@@ -17,7 +17,7 @@ def answer(stiffness, std=None, known=None) -> Estimate:
     zero = jnp.zeros_like(stiffness)
     std = zero if std is None else jnp.asarray(std)
     known = zero > 0.0 if known is None else jnp.asarray(known)
-    return Estimate(stiffness, std, zero, known, Signals(zero, zero, zero, zero))
+    return Estimate(stiffness, std, zero, known, Signals(zero, zero, zero, zero, zero))
 
 
 def scored(truth, estimate: Estimate, time=TIME, **options) -> Scores:

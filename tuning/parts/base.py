@@ -19,9 +19,13 @@ Fraction = Annotated[float, Field(gt=0, le=1)]
 
 
 class Part(Table):
-    """A table that becomes the vsajax class named by `target`, with its fields as arguments."""
+    """A table that becomes the vsajax class named by `target`, with its fields as arguments.
+
+    The numbers named in `static` shape the compiled program; all others are array leaves and can be varied.
+    """
 
     target: ClassVar[str]
+    static: ClassVar[frozenset[str]] = frozenset()
 
     def arguments(self) -> dict[str, Any]:
         """Return the constructor's arguments: every field but the tag `type`."""

@@ -143,6 +143,7 @@ class Clock(Part):
     """When samples are taken."""
 
     target = "sensing.Clock"
+    static = frozenset({"sample_time", "duration"})
     sample_time: Positive
     duration: Positive
     jitter_std: Positive | None = None

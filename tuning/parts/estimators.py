@@ -199,6 +199,7 @@ class AlgebraicObserver(Part):
     """The motor equation over a moving window, and a recursive fit."""
 
     target = "estimators.AlgebraicObserver"
+    static = frozenset({"longest_window", "sample_time"})
     type: Literal["algebraic"]
     motor_inertia: Positive
     motor_damping: NonNegative

@@ -220,8 +220,8 @@ class AlgebraicObserver(AbstractEstimator):
         gate, known = self.gate.step(state.gate, deflection, stiffness, std)
         torque = dot(features, fit.coefficients)
         known = known & (row.is_complete > 0.0)
-        estimate = Estimate(stiffness, std, torque, known, Signals(deflection, torque, velocity, factor))
-        return FitStage(fit, gate, motor, link), estimate
+        signals = Signals(deflection, torque, velocity, factor, self.fit.determined(fit))
+        return FitStage(fit, gate, motor, link), Estimate(stiffness, std, torque, known, signals)
 
 
 def _push(buffer: Array, newest: Array) -> Array:

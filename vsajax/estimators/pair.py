@@ -68,6 +68,6 @@ def _sum(first: Estimate, second: Estimate) -> Estimate:
         stiffness_std=jnp.hypot(first.stiffness_std, second.stiffness_std),
         elastic_torque=first.elastic_torque + second.elastic_torque,
         known=first.known & second.known,
-        signals=first.signals,
+        signals=first.signals._replace(determined=first.signals.determined + second.signals.determined),
         sides=(first, second),
     )

@@ -228,3 +228,12 @@ class RecursiveLeastSquares(eqx.Module):
         correlation = jnp.clip(state.products / total, 0.0, 0.999)
         variance = noise * spread * (1.0 + correlation) / (1.0 - correlation)
         return jnp.where(freedom > 0.0, variance, jnp.inf)
+
+    def determined(self, state: FitState) -> Scalar:
+        """Return the effective degrees of freedom d − tr(P)/κ, the trace of the ridge regression's hat matrix.
+
+        A coefficient counts 1 once the data fix it, and 0 while it is what the prior says.
+        """
+        rows = state.covariance
+        trace = dot([rows[i][i] for i in range(len(rows))], [jnp.ones_like(state.weight)] * len(rows))
+        return len(rows) - trace / self.prior_scale

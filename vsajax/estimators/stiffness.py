@@ -78,7 +78,9 @@ class StiffnessEstimator(AbstractEstimator):
         stiffness = dot(slopes, fit.coefficients)
         std = jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0))
         gate, known = self.gate.step(state.gate, kinematics.deflection, stiffness, std)
-        signals = Signals(kinematics.deflection, torque, kinematics.motor_velocity, factor)
+        signals = Signals(
+            kinematics.deflection, torque, kinematics.motor_velocity, factor, self.fit.determined(fit)
+        )
         estimate = Estimate(stiffness, std, dot(features, fit.coefficients), known, signals)
         return EstimatorState(motor, link, torque_state, fit, gate), estimate
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.tuning.builders import GAIN, PRIOR, SEA, SERIAL, SMALL
+from tests.tuning.builders import GAIN, PRIOR, SEA, SERIAL, SMALL, TINY
 from tuning.log_files import write_table
 from tuning.resources import CONFIGS
 
 CONFIG = CONFIGS / "tuned" / "sea_sensor.toml"
 HEBI = Path(__file__).parents[2] / "golden" / "hebi" / "exampleLog.csv"
-SHORT = [word for setting in SMALL for word in ("--set", setting)]
+SHORT = [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]
 
 
 @pytest.fixture

@@ -10,9 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, tiny_tuning
+from tuning.judging import judge
 from tuning.log_files import read_log_file
 from tuning.resources import CONFIGS
 from tuning.study import load_config, load_study, resolved, study_hash, to_toml
+from tuning.sweep import Forecast, GridSweep
+from tuning.tune import Search
+from vsajax import Scores
 
 KINDS = sorted(path.stem for path in (CONFIGS / "studies").glob("*.toml"))
 SHORT = [word for setting in SMALL for word in ("--set", setting)]
@@ -131,16 +135,17 @@ def tiny(tmp_path):
 
 
 @pytest.mark.cli
-def test_a_sweep_is_forecast_run_and_reported(vsajax, tiny, tmp_path):
+def test_a_sweep_is_forecast_run_and_reported(vsajax, tiny, tmp_path, monkeypatch):
     run = tmp_path / "sweep"
     grid = ("--grid", f"{PRIOR}=log(0.1,10,3)", "--grid", f"{FORGETTING}=0.9,1")
     words = ("sweep", tiny, "-o", run, *grid, "--scenarios", "2")
     forecast = answer(vsajax(*words, "--dry-run", "--json"))
     assert not run.exists()
     assert (forecast["configurations"], forecast["scenarios"], forecast["chunks"]) == (6, 2, 1)
+    monkeypatch.setattr(GridSweep, "forecast", lambda _: Forecast(6, 2, 1, 2**30, 1.5, 2.5))
     said = vsajax(*words, "--dry-run").out
-    assert "6 configurations × 2 scenarios, 1 chunks" in said
-    assert "nothing written" in said
+    for expected in ("6 configurations × 2 scenarios, 1 chunks", "1.00 GiB", "compile 1.5 s", "run 2.5 s"):
+        assert expected in said
 
     result = answer(vsajax(*words, "--json"))
     assert len(result["best"]) == 6
@@ -159,16 +164,18 @@ def test_a_sweep_is_forecast_run_and_reported(vsajax, tiny, tmp_path):
 
 
 @pytest.mark.cli
-def test_a_study_is_tuned_and_the_best_is_exported(vsajax, tiny, tmp_path):
+def test_a_study_is_tuned_and_the_best_is_exported(vsajax, tiny, tmp_path, monkeypatch):
     words = ("tune", tiny, "-o", tmp_path / "tune", "--starts", "1", "--budget", "2")
     result = answer(vsajax(*words, "--json"))
     assert len(result["starts"]) == 1
     assert result["held_out"]["mean"] < result["before_on_held_out"]["mean"]
     best = load_study(tmp_path / "tune" / "best.toml")
     assert best.provenance["held_out"]["mean"] == result["held_out"]["mean"]
+    kept = judge({name: np.full(5, 2.0) for name in Scores._fields} | {"diverged": np.zeros(5)}, "msrep", seed=0)
+    monkeypatch.setattr(Search, "judge", lambda *_: kept)
     again = vsajax(*words, "--resume")
     assert again.code == 0
-    for line in ("before, 5 held out:", "tuned, 3 training:", "tuned, 5 held out:"):
+    for line in ("before, 5 held out:", "tuned, 5 training:", "tuned, 5 held out:"):
         assert line in again.out
 
     for target, read in (("toml", tomllib.loads), ("json", json.loads)):
