@@ -114,7 +114,7 @@ def _draw_stiffness(axis: Axes, columns: Mapping[str, np.ndarray], truth: np.nda
     if together.size:
         # The start-up transient may be orders of magnitude away; the view holds the bulk of what is known.
         low, high = np.quantile(together, [0.005, 0.995])
-        room = 0.12 * (high - low) + 0.02 * max(abs(low), abs(high))
+        room = 0.12 * (high - low) + 0.02 * max(abs(low), abs(high)) or 1.0
         axis.set_ylim(low - room, high + room)
     axis.fill_between(
         time,

@@ -214,6 +214,9 @@ def _check_together(study: Study, place: str) -> None:
     ]
     mistakes += check_pairing(study, place)
     mistakes += _check_windows(study, place)
+    if study.tune.objective == "msrep_settled" and study.scorer.warm_up >= study.clock.duration:
+        problem = f"got {study.scorer.warm_up} s; no sample of {study.clock.duration} s is left for tune.objective"
+        mistakes.append(Mistake(f"{place}: scorer.warm_up", problem, "record for longer, or warm up for less"))
     numbers = numeric_paths(study)
     for table, axes in (("sweep.grid", study.sweep.grid), ("tune.parameters", study.tune.parameters)):
         for path, axis in axes.items():

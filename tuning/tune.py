@@ -148,8 +148,8 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
                 Outcome(start, values, float(row["objective"][0]), int(row["steps"][0]), str(row["message"][0]))
             )
     store.finish()
-    reached = [o for o in outcomes if math.isfinite(o.objective)]
-    best = min(reached, key=lambda o: o.objective).values if reached else candidates[0]
+    tried = [(float(screened["objective"][order[0]]), candidates[0]), *((o.objective, o.values) for o in outcomes)]
+    best = min(tried, key=lambda one: one[0] if math.isfinite(one[0]) else math.inf)[1]
     tuned = Tuned(
         best,
         outcomes,

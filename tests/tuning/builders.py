@@ -43,11 +43,11 @@ def tiny_serial(*settings: str) -> Study:
 
 
 def tiny_tuning(*settings: str) -> Study:
-    """Return the same with two of its numbers to tune, of which the memory starts far too short."""
+    """Return the same with two of its numbers to tune, starting with too long a memory."""
     prior = f"'{PRIOR}' = {{ low = 1e-3, high = 10.0, points = 3 }}"
-    bounds = f"{prior}, '{FORGETTING}' = {{ low = 0.85, high = 0.999 }}"
+    bounds = f"{prior}, '{FORGETTING}' = {{ low = 0.5, high = 0.999 }}"
     return tiny_serial(
-        "estimator.fit={ prior_scale = 1.0, law = { type = 'forgetting', forgetting = 0.9 } }",
+        "estimator.fit={ prior_scale = 1.0, law = { type = 'forgetting', forgetting = 0.95 } }",
         f"tune={{ starts = 2, screen = 4, max_steps = 20, parameters = {{ {bounds} }} }}",
         *settings,
     )

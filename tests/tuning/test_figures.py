@@ -88,8 +88,9 @@ def test_an_estimate_is_drawn_with_its_band_and_what_is_not_known(known, truth, 
     assert 40.0 < low < 50.0 < high < 60.0
 
 
-def test_an_estimate_that_is_not_finite_is_drawn_all_the_same(tmp_path):
-    nothing = np.full_like(TIME, np.nan)
+@pytest.mark.parametrize("value", [np.nan, 0.0])
+def test_an_estimate_that_is_not_finite_or_never_moved_is_drawn_all_the_same(value, tmp_path):
+    nothing = np.full_like(TIME, value)
     columns = {name: nothing for name in ("stiffness", "stiffness_std", "elastic_torque", "torque")}
     columns |= {"time": TIME, "deflection": TIME, "known": TIME < 0.0}
     table = RecordingTable(DEFLECTION, "sea", "log.csv", ())

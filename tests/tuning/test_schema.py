@@ -91,6 +91,13 @@ def test_a_signal_that_the_estimator_needs_must_be_measured():
 
 
 @pytest.mark.failure
+def test_an_objective_that_counts_no_sample_is_refused():
+    text = said("tune.objective=msrep_settled", "scorer.warm_up=10.0")
+    assert "scorer.warm_up: got 10.0 s; no sample of 10.0 s is left for tune.objective" in text
+    assert load_study(SERIAL, ["scorer.warm_up=10.0"]).tune.objective == "msrep"
+
+
+@pytest.mark.failure
 def test_all_mistakes_of_a_file_come_together(tmp_path):
     wrong = {
         "inertia = 0.05 #": "inertia = -1.0 #",

@@ -2,8 +2,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import TypeCheckError
 
 from vsajax import PrecisionError, Recording, Sample
+from vsajax.plants import LinearSpring
 from vsajax.types import MissingSignalError, as_leaf, optional_leaf, require_float64
 
 
@@ -61,3 +63,12 @@ def test_reading_an_absent_signal_names_it_and_those_present():
     assert sample.read("deflection") == 0.1
     with pytest.raises(MissingSignalError, match=r"signal motor_torque, .* it has deflection\."):
         sample.read("motor_torque")
+
+
+@pytest.mark.structure
+def test_annotations_are_checked_at_run_time_under_test():
+    # The import hook of tests/conftest.py is on: shapes in annotations are promises.
+    with pytest.raises(TypeCheckError):
+        LinearSpring([1.0, 2.0])
+    with pytest.raises(TypeCheckError):
+        require_float64(5)

@@ -213,6 +213,9 @@ class AlgebraicObserver(AbstractEstimator):
         fit, factor = self.fit.step(
             state.fit, tuple(weight * feature for feature in row.features), weight * row.target
         )
+        # The empty rows of an incomplete window are no samples: counted, they would make the first answers look
+        # certain.
+        fit = fit._replace(weight=fit.weight - (1.0 - row.is_complete))
         setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
         features, slopes = self.basis(setpoint, deflection)
         stiffness = dot(slopes, fit.coefficients)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, tiny_tuning
 from tuning.judging import judge
-from tuning.log_files import read_log_file
+from tuning.log_files import read_log_file, write_table
 from tuning.resources import CONFIGS
 from tuning.study import load_config, load_study, resolved, study_hash, to_toml
 from tuning.sweep import Forecast, GridSweep
@@ -57,6 +57,33 @@ def test_a_new_study_goes_where_it_is_told(vsajax, tmp_path):
     assert answer(vsajax("init", "sea", target, "--json")) == {"study": str(target)}
     assert vsajax("init", "sea", tmp_path / "other.toml", "--quiet") == (0, "", "")
     assert load_study(target) == load_study(tmp_path / "other.toml")
+
+
+@pytest.mark.cli
+def test_who_wants_quiet_is_told_nothing(vsajax, tmp_path):
+    for words in (("check", SERIAL), ("export", SERIAL, "--to", "json", "-o", tmp_path / "deploy"), ("doctor",)):
+        assert vsajax(*words, "--quiet") == (0, "", "")
+    assert (tmp_path / "deploy" / "estimator.json").exists()
+
+
+@pytest.mark.cli
+def test_an_estimate_that_diverges_is_an_answer_and_says_from_when(vsajax, tmp_path):
+    time = np.linspace(0.0, 1.0, 50)
+    columns = {"time": time, "deflection": np.sin(9 * time), "elastic_torque": 40 * np.sin(9 * time)}
+    write_table(tmp_path / "log.csv", columns)
+    words = (
+        "estimate",
+        tmp_path / "log.csv",
+        "-c",
+        CONFIGS / "tuned" / "sea_sensor.toml",
+        "-o",
+        tmp_path / "e.csv",
+    )
+    ended = vsajax(*words, "--set", "estimator.fit.prior_scale=1e308")
+    assert (ended.code, ended.err) == (0, "")
+    assert "the estimate DIVERGED: it is not finite from t = 0." in ended.out
+    assert answer(vsajax(*words, "--set", "estimator.fit.prior_scale=1e308", "--json"))["diverged"] is True
+    assert answer(vsajax(*words, "--json"))["final_stiffness"] == pytest.approx(40.0, rel=1e-6)
 
 
 @pytest.mark.cli
@@ -178,6 +205,9 @@ def test_a_study_is_tuned_and_the_best_is_exported(vsajax, tiny, tmp_path, monke
     for line in ("before, 5 held out:", "tuned, 5 training:", "tuned, 5 held out:"):
         assert line in again.out
 
+    assert vsajax(*words, "--resume", "--quiet") == (0, "", "")
+
+    best = load_study(tmp_path / "tune" / "best.toml")
     for target, read in (("toml", tomllib.loads), ("json", json.loads)):
         deployed = tmp_path / target
         exported = answer(vsajax("export", result["best"], "--to", target, "-o", deployed, "--json"))
@@ -188,7 +218,7 @@ def test_a_study_is_tuned_and_the_best_is_exported(vsajax, tiny, tmp_path, monke
         assert (facts["format"], facts["file"]) == (target, f"estimator.{target}")
         assert facts["study_hash"] == study_hash(best)
         assert facts["sample_time_s"] == best.clock.sample_time
-        assert facts["scores"]["held_out"]["mean"] == result["held_out"]["mean"]
+        assert facts["scores"]["held_out"]["mean"] == best.provenance["held_out"]["mean"] == 2.0
         assert facts["check"]["ok"] is True
         assert "jax" in facts["versions"]
     assert load_study(tmp_path / "toml" / "estimator.toml") == best

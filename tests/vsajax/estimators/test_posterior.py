@@ -81,6 +81,16 @@ def test_forgetting_variance_is_that_of_the_weighted_regression():
     assert variance(fit, state) == pytest.approx(expected, rel=RELATIVE)
 
 
+@pytest.mark.oracle
+@pytest.mark.parametrize("prior", [1e-3, 1e-2, PRIOR])
+def test_determined_coefficients_are_the_trace_of_the_hat_matrix(prior):
+    features, targets = regression()
+    hat = features @ np.linalg.solve(features.T @ features + np.eye(4) / prior, features.T)
+    for fit in (RecursiveLeastSquares(prior), RecursiveLeastSquares(prior * 1e6, EnhancedFactor(1e-6))):
+        determined = fit.determined(run_fit(fit, features, targets)[0])
+        assert determined == pytest.approx(np.trace(hat), rel=RELATIVE)
+
+
 @pytest.mark.equivalence
 def test_printed_enhanced_form_has_the_variance_of_the_plain_one():
     features, targets = regression()

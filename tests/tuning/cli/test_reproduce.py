@@ -1,0 +1,35 @@
+"""The paper's numbers and figures, as a user asks for them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+KEYS = {"name", "printed", "measured", "unit", "low", "high", "ok", "note"}
+
+
+@pytest.mark.slow
+@pytest.mark.cli
+@pytest.mark.statistical
+def test_the_serial_paper_is_reproduced_with_its_figures(vsajax, tmp_path):
+    ended = vsajax("reproduce", "serial", "-o", tmp_path, "--json")
+    assert (ended.code, ended.err) == (0, "")
+    result = json.loads(ended.out)
+    assert (result["study"], result["ok"]) == ("serial", True)
+    for row in result["rows"]:
+        assert row.keys() == KEYS
+        assert isinstance(row["measured"], float)
+        assert row["ok"] is True
+        # An open end is null.
+        assert row["low"] <= row["measured"] <= (row["high"] if row["high"] is not None else float("inf"))
+        # A printed number that is not met is explained.
+        met = row["printed"] is None or row["low"] <= row["printed"] <= (row["high"] or float("inf"))
+        assert met or row["note"], row["name"]
+    names = " ".join(row["name"] for row in result["rows"])
+    for words in ("MODEL MSREP", "SENSOR MSREP", "RESIDUAL MSREP", "printed RLS", "largest deflection"):
+        assert words in names
+    assert [path.rsplit("/", 1)[1][:4] for path in result["figures"]] == [f"fig{n}" for n in range(3, 9)]
+    for path in result["figures"]:
+        with open(path, "rb") as picture:
+            assert picture.read(4) == b"\x89PNG"
