@@ -41,6 +41,7 @@ _EXTRAS: dict[Kind, tuple[str, ...]] = {
     "antagonistic": (),
     "sea": (),
 }
+_ON_MOTOR_AXIS = ("motor_torque", "motor1_torque", "motor2_torque")
 _TRUTH = ("true_stiffness", "true_elastic_torque")
 
 
@@ -157,7 +158,8 @@ class Torque(_Signal):
         sign: -1 where the file counts the other way.
         offset: reading at zero torque, in the file's unit; subtracted before anything else.
         scale: free factor.
-        gear_ratio: motor turns per joint turn, for a torque measured on the motor shaft; multiplies.
+        gear_ratio: motor turns per joint turn, for an elastic torque measured on the motor shaft; multiplies.
+            The motor torques themselves stay on the motor axis and take none.
     """
 
     unit: Literal["N.m", "mN.m", "N.cm", "A", "mA", "V", "mV"]
@@ -170,7 +172,7 @@ class Torque(_Signal):
         return self
 
     def to_si(self, values: np.ndarray) -> np.ndarray:
-        """Return a file's readings in newton metres at the joint."""
+        """Return a file's readings in newton metres."""
         return self._in_si(values, (_NEWTON_METRES | _ELECTRICAL)[self.unit]) * self.gear_ratio
 
 
@@ -258,6 +260,12 @@ class SignalMap(Table):
         foreign = sorted(given.difference(signals_of(self.kind)))
         problems = [f"signals.{name} does not belong to kind {self.kind!r}" for name in foreign]
         problems += [f"kind {self.kind!r} needs {name_need(n)}" for n in unmet_needs(self.kind, given)]
+        problems += [
+            f"signals.{name}.gear_ratio must stay out: the motor torque is kept on the motor axis, and the "
+            "estimator's own torque.gear_ratio brings it to the joint"
+            for name, signal in self.signals.given().items()
+            if name in _ON_MOTOR_AXIS and isinstance(signal, Torque) and signal.gear_ratio != 1.0
+        ]
         if problems:
             raise ValueError("; ".join(problems))
         return self

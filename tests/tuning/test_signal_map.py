@@ -152,3 +152,16 @@ def test_all_mistakes_of_a_map_come_together(tmp_path):
     )
     for key in ("schema_version", "clock.unit", "signals.deflection.unit"):
         assert key in text
+
+
+@pytest.mark.failure
+def test_motor_torque_takes_no_gear_ratio(tmp_path):
+    # The residual observer multiplies by its own gear ratio: twice is a stiffness wrong by γ.
+    path = tmp_path / "map.toml"
+    path.write_text(
+        'schema_version = 1\nkind = "sea"\nclock = { column = "t", unit = "s" }\n'
+        '[signals]\ndeflection = { column = "d", unit = "rad" }\n'
+        'motor_torque = { column = "i", unit = "A", scale = 0.05, gear_ratio = 50.0 }\n'
+    )
+    with pytest.raises(InputError, match=r"signals\.motor_torque\.gear_ratio must stay out.*torque\.gear_ratio"):
+        read_signal_map(path)

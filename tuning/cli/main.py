@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import NoReturn
 
@@ -62,7 +63,13 @@ def run(arguments: list[str] | None = None) -> int:
 
 def main() -> NoReturn:
     """Enter from the shell."""
-    sys.exit(run())
+    code = run()
+    if code == INTERRUPTED:
+        # Threads of the compiled program may still run; tearing the interpreter down under them would crash it.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def _as_text(error: InputError) -> str:

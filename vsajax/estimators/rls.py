@@ -101,7 +101,9 @@ class EnhancedFactor(AbstractGainLaw):
 
 
 class ConstantFactor(AbstractGainLaw):
-    """a(k) = a in (25): Fig. 8's comparison. It is no least-squares estimate, so it has no posterior.
+    """a(k) = a in (25): Fig. 8's comparison.
+
+    It is least squares with weights a/(1 + ρ − aρ) that follow the leverage, not the noise, so P is no posterior.
 
     Args:
         factor: 0 < a ≤ 1.
@@ -232,8 +234,9 @@ class RecursiveLeastSquares(eqx.Module):
     def determined(self, state: FitState) -> Scalar:
         """Return the effective degrees of freedom d − tr(P)/κ, the trace of the ridge regression's hat matrix.
 
-        A coefficient counts 1 once the data fix it, and 0 while it is what the prior says.
+        A coefficient counts 1 once the data fix it, and 0 while it is what the prior says. With forgetting the
+        covariance of a direction that is no longer excited outgrows the prior; the count stops at 0.
         """
         rows = state.covariance
         trace = dot([rows[i][i] for i in range(len(rows))], [jnp.ones_like(state.weight)] * len(rows))
-        return len(rows) - trace / self.prior_scale
+        return jnp.maximum(len(rows) - trace / self.prior_scale, 0.0)

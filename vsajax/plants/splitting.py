@@ -6,7 +6,7 @@ no small steps, and without friction the step is the symmetric drift-kick-drift 
 
 The plain damping-exact drift-kick-drift averages old and new velocity for the second drift. That is of first
 order for a body with λ h ≫ 1, whose velocity lags half a step (measured on the AwAS setpoint motor at four
-steps a millisecond: 2.9e-3 rad against 1e-6 here). Following the position exactly too keeps second order there.
+steps a millisecond: 2.9e-3 rad against 6e-8 here). Following the position exactly too keeps second order there.
 Smoothed Coulomb friction, nonlinear in v, enters by the exponential midpoint rule, of second order as well.
 """
 
