@@ -68,7 +68,8 @@ def test_reading_an_absent_signal_names_it_and_those_present():
 @pytest.mark.structure
 def test_annotations_are_checked_at_run_time_under_test():
     # The import hook of tests/conftest.py is on: shapes in annotations are promises.
-    with pytest.raises(TypeCheckError):
-        LinearSpring([1.0, 2.0])
+    # (Fields with a converter are not checked: their annotation is the converter's.)
     with pytest.raises(TypeCheckError):
         require_float64(5)
+    with pytest.raises(TypeCheckError):
+        LinearSpring(1.0).torque(jnp.asarray(0.0), jnp.asarray(1))

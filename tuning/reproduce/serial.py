@@ -157,7 +157,7 @@ def _settled_row(scores: dict[str, np.ndarray]) -> Row:
         "%",
         1e-5,
         1e-2,
-        "the printed index is decided by the first 50 ms, in which the deflection is a few encoder counts at most; "
+        "the printed index is decided by the first 50 ms, with a deflection of a few encoder counts; "
         f"within 5 % after {np.median(scores['convergence_time']):.3f} s (median)",
     )
 
