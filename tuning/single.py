@@ -28,6 +28,9 @@ def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarra
     Args:
         study: what is simulated.
         scenario: number of the noise draw in the training stream.
+
+    Raises:
+        FloatingPointError: the motion is not finite.
     """
     problem = Problem(study)
     key = scenario_keys(study, "train", scenario + 1)[scenario]
@@ -37,7 +40,13 @@ def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarra
         "true_stiffness": truth.motion.stiffness,
         "true_elastic_torque": truth.motion.elastic_torque,
     }
-    return {name: np.asarray(value) for name, value in signals.items()}, problem.substeps
+    columns = {name: np.asarray(value) for name, value in signals.items()}
+    if not all(np.isfinite(values).all() for values in columns.values()):
+        raise FloatingPointError(
+            f"the simulated joint diverges with {problem.substeps} integration steps a sample; "
+            "check its parameters, or raise `substeps` in the study"
+        )
+    return columns, problem.substeps
 
 
 @dataclass(frozen=True)

@@ -193,6 +193,15 @@ def test_what_cannot_be_done_is_named(words, said, refused, tmp_path):
 
 @pytest.mark.failure
 @pytest.mark.cli
+def test_steps_too_coarse_for_the_joint_are_refused(refused):
+    coarse = ("--set", "substeps=1", "--set", "joint.spring.spring_rate=1e12")
+    message = refused("simulate", SERIAL, "-o", "recording.csv", *SHORT, *coarse)
+    assert "the simulated joint diverges with 1 integration steps a sample" in message
+    assert "raise `substeps` in the study" in message
+
+
+@pytest.mark.failure
+@pytest.mark.cli
 def test_a_full_disk_ends_with_2_and_leaves_no_half_of_a_file(vsajax, monkeypatch, tmp_path):
     def refuse(*_):
         raise OSError(28, "No space left on device")
