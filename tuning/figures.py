@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator
 
 from tuning.logs import RecordingTable
 from tuning.single import Answer
@@ -160,6 +160,8 @@ def draw_sweep(rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Se
         axis.set_ylabel(paths[a])
         axis.grid(visible=False)
     bar = figure.colorbar(ScalarMappable(norm, _MAP), ax=axes[0].tolist(), extend="max")
+    # Nine numbers a decade would run into each other.
+    bar.ax.yaxis.set_minor_locator(LogLocator(subs=(2, 3, 5)))
     bar.ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     bar.ax.yaxis.set_minor_formatter(FormatStrFormatter("%g"))
     bar.set_label("mean MSREP [%], best over other axes")

@@ -221,7 +221,7 @@ def _check_together(study: Study, place: str) -> None:
     for table, axes in (("sweep.grid", study.sweep.grid), ("tune.parameters", study.tune.parameters)):
         for path, axis in axes.items():
             where = f"{place}: {table}.{path!r}"
-            mistakes += check_path(study, path, where, numbers)
+            mistakes += _check_path(path, where, numbers)
             if path in numbers:
                 mistakes += _check_values(study, path, axis, where)
     if mistakes:
@@ -268,7 +268,7 @@ def _observers(estimator: Part, path: str) -> Iterator[tuple[str, AlgebraicObser
             yield from _observers(estimator.other, f"{path}.other")
 
 
-def check_path(study: Study, path: str, where: str, numbers: Mapping[str, float]) -> list[Mistake]:
+def _check_path(path: str, where: str, numbers: Mapping[str, float]) -> list[Mistake]:
     """Return what is wrong with a dotted path that should lead to a number of the bench."""
     if path in numbers:
         return []
