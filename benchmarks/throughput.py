@@ -46,28 +46,51 @@ def measure(program: Callable[..., Any], *arguments: Any, steps: int) -> tuple[f
 def bench_plant(study: Study, lanes: int) -> Row:
     """Time AwAS joints of different link inertia."""
     problem = Problem(study)
+    substeps = problem.substeps
 
     def plant(inertia: jax.Array, _: None) -> jax.Array:
         bench = eqx.tree_at(lambda b: b.joint.link.inertia, problem.bench, inertia)
-        motion = experiment.simulate(bench, key=jax.random.key(0), substeps=problem.substeps).motion
+        motion = experiment.simulate(bench, key=jax.random.key(0), substeps=substeps).motion
         return motion.stiffness[-1]
 
     program = jax.jit(lambda inertias: rollout.map_lanes(plant, inertias))
     inertias = jnp.linspace(0.05, 0.2, lanes)
-    return "AwAS plant, 4 substeps", lanes, *measure(program, inertias, steps=lanes * problem.samples)
+    return f"AwAS plant, {substeps} substeps", lanes, *measure(program, inertias, steps=lanes * problem.samples)
 
 
 def bench_estimator(study: Study, lanes: int) -> Row:
     """Time estimators with a filter variance of their own: nothing of the covariance is shared."""
     problem, key = Problem(study), scenario_keys(study, "train", 1)[0]
 
-    def estimator(variance: jax.Array, shared: Any) -> jax.Array:
-        return problem.scores({"estimator.velocity.acceleration_variance": variance}, key, shared).msrep
+    def estimator(variance: jax.Array, given: Any) -> jax.Array:
+        return problem.scores({"estimator.velocity.acceleration_variance": variance}, key, given).msrep
 
-    program = jax.jit(lambda variances, shared: rollout.map_lanes(estimator, variances, shared))
+    program = jax.jit(lambda variances, given: rollout.map_lanes(estimator, variances, given))
     variances = jnp.geomspace(1e8, 1e10, lanes)
-    seconds = measure(program, variances, problem.shared_truth, steps=lanes * problem.samples)
+    seconds = measure(program, variances, problem.given, steps=lanes * problem.samples)
     return "residual estimator, d = 18, nothing shared", lanes, *seconds
+
+
+def bench_algebraic(window: float, lanes: int) -> Row:
+    """Time the algebraic observer over recordings of antagonistic joints, for a window T [s]."""
+    settings = [
+        "sweep={}",
+        "tune={}",
+        f"estimator.side.window={window}",
+        f"estimator.side.longest_window={window}",
+    ]
+    problem = Problem(load_study(example_path("antagonistic", "antagonistic"), settings))
+    keys = scenario_keys(problem.study, "train", lanes)
+    given = problem.given
+    record = jax.jit(jax.vmap(lambda key: problem.record(key, given)[1]))
+    recordings = jax.block_until_ready(record(keys))
+
+    def observer(recording: Any, given: Any) -> jax.Array:
+        return experiment.estimate(given.bench.estimator, recording).stiffness[-1]
+
+    program = jax.jit(lambda recordings, given: rollout.map_lanes(observer, recordings, given, chunk=16))
+    seconds = measure(program, recordings, given, steps=lanes * problem.samples)
+    return f"algebraic observer, both sides, T = {window} s", lanes, *seconds
 
 
 def bench_sweep(study: Study) -> Row:
@@ -89,6 +112,7 @@ def main() -> None:
     rows = [bench_plant(study, lanes) for lanes in LANES]
     rows += [bench_estimator(study, lanes) for lanes in LANES]
     rows.append(bench_sweep(study))
+    rows += [bench_algebraic(window, 1000) for window in (0.1, 1.0, 2.0)]
     print(table(["kernel", "lanes", "compile [s]", "run [ns per lane-step]"], rows))
 
 

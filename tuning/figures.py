@@ -130,8 +130,10 @@ def _draw_stiffness(axis: Axes, columns: Mapping[str, np.ndarray], truth: np.nda
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
 
 
-def draw_sweep(rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw the mean MSREP over every pair of axes, minimised over the others; over one axis, as a curve."""
+def draw_sweep(
+    rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Sequence[float]], objective: str
+) -> Figure:
+    """Draw the mean objective over every pair of axes, minimised over the others; over one axis, as a curve."""
     paths = list(axes_values)
     shape = [len(axes_values[path]) for path in paths]
     means = np.full(int(np.prod(shape)), np.nan)
@@ -140,7 +142,7 @@ def draw_sweep(rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Se
     cube = means.reshape(shape)
     wide = [i for i, size in enumerate(shape) if size > 1]
     if len(wide) < 2:
-        return _draw_curve(cube, paths, axes_values, wide)
+        return _draw_curve(cube, paths, axes_values, wide, objective)
     pairs = [(a, b) for n, a in enumerate(wide) for b in wide[n + 1 :]]
     figure, axes = new_figure(4.3 * len(pairs), 3.7, 1, len(pairs), squeeze=False)
     finite = cube[np.isfinite(cube)] if np.isfinite(cube).any() else np.ones(1)
@@ -164,13 +166,17 @@ def draw_sweep(rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Se
     bar.ax.yaxis.set_minor_locator(LogLocator(subs=(2, 3, 5)))
     bar.ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     bar.ax.yaxis.set_minor_formatter(FormatStrFormatter("%g"))
-    bar.set_label("mean MSREP [%], best over other axes")
+    bar.set_label(f"mean {_OBJECTIVES[objective]},\nbest over other axes")
     figure.suptitle("Sweep: star marks the best configuration")
     return figure
 
 
 def _draw_curve(
-    cube: np.ndarray, paths: Sequence[str], values: Mapping[str, Sequence[float]], wide: Sequence[int]
+    cube: np.ndarray,
+    paths: Sequence[str],
+    values: Mapping[str, Sequence[float]],
+    wide: Sequence[int],
+    objective: str,
 ) -> Figure:
     path = paths[wide[0] if wide else 0]
     figure, axis = new_figure(5.5, 3.6)
@@ -180,7 +186,7 @@ def _draw_curve(
     if np.isfinite(cube).any():
         axis.set_yscale("log")
     axis.set_xlabel(path)
-    axis.set_ylabel("mean MSREP [%]")
+    axis.set_ylabel(f"mean {_OBJECTIVES[objective]}")
     figure.suptitle("Sweep")
     return figure
 

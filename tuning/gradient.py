@@ -55,27 +55,27 @@ class GradientTuner:
     algorithm: Algorithm = "levenberg-marquardt"
     max_steps: int = 60
 
-    def residuals(self, z: Vector, shared: Any) -> Float[Array, " residual"]:
+    def residuals(self, z: Vector, given: Any) -> Float[Array, " residual"]:
         """Return the vector whose squared norm is the mean objective over the scenarios [√%]."""
         values = self.space.constrain(z)
-        each = jax.vmap(lambda key: self.problem.residuals(values, key, shared))(self.keys)
+        each = jax.vmap(lambda key: self.problem.residuals(values, key, given))(self.keys)
         return each.reshape(-1) / jnp.sqrt(self.keys.shape[0])
 
-    def objective(self, z: Vector, shared: Any) -> Float[Array, ""]:
+    def objective(self, z: Vector, given: Any) -> Float[Array, ""]:
         """Return the mean objective over the scenarios [%]."""
-        residuals = self.residuals(z, shared)
+        residuals = self.residuals(z, given)
         return residuals @ residuals
 
     @cached_property
     def _solve(self) -> Callable[[Vector, Any], tuple[Vector, Float[Array, ""], Any, Any]]:
         @jax.jit
-        def solve(z: Vector, shared: Any) -> tuple[Vector, Float[Array, ""], Any, Any]:
+        def solve(z: Vector, given: Any) -> tuple[Vector, Float[Array, ""], Any, Any]:
             if self.algorithm == "bfgs":
                 solution = optx.minimise(
                     self.objective,
                     optx.BFGS(rtol=1e-3, atol=1e-9),
                     z,
-                    args=shared,
+                    args=given,
                     options={"autodiff_mode": "fwd"},
                     max_steps=self.max_steps,
                     throw=False,
@@ -85,12 +85,12 @@ class GradientTuner:
                     self.residuals,
                     optx.LevenbergMarquardt(rtol=1e-3, atol=1e-9),
                     z,
-                    args=shared,
+                    args=given,
                     options={"jac": "fwd"},
                     max_steps=self.max_steps,
                     throw=False,
                 )
-            best = self.objective(solution.value, shared)
+            best = self.objective(solution.value, given)
             return solution.value, best, solution.stats["num_steps"], solution.result
 
         return solve
@@ -98,7 +98,7 @@ class GradientTuner:
     def run(self, start: dict[str, float]) -> Outcome:
         """Minimise from one start. Starts are run one after another: batched ones wait for the slowest."""
         z = self.space.unconstrain({path: jnp.asarray(value) for path, value in start.items()})
-        z, objective, steps, result = self._solve(z, self.problem.shared_truth)
+        z, objective, steps, result = self._solve(z, self.problem.given)
         values = {path: float(value) for path, value in self.space.constrain(z).items()}
         return Outcome(start, values, float(objective), int(steps), _ending(result))
 

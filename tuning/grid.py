@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -21,18 +22,20 @@ import numpy as np
 from tuning.problem import Problem, Stream, scenario_keys
 from vsajax import Scores, rollout
 
-_TORQUE_ONLY = ("estimator.torque.", "sensing.motor_torque.", "sensing.elastic_torque.")
+_TORQUE_ONLY = re.compile(
+    r"estimator\.((side|other)\.)?torque\.|sensing\.(motor_torque|motor1_torque|motor2_torque|elastic_torque)\."
+)
 _WIDTH = 256
 """Lanes times inner points evaluated at a time on a device; wider falls out of the cache."""
 
 
 def is_torque_only(path: str) -> bool:
     """Return whether a number touches the torque signal alone, never the regressors."""
-    return path.startswith(_TORQUE_ONLY)
+    return _TORQUE_ONLY.match(path) is not None
 
 
 def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
-    """Return the jitted (lanes, (inner values, shared motion)) -> scores `(lane, *inner axes, scenario)`.
+    """Return the jitted (lanes, (inner values, given)) -> scores `(lane, *inner axes, scenario)`.
 
     A lane is the values of the `outer` paths and its scenarios' keys; `inner` paths, which must be torque-only,
     are nested inside it. `width` is the number of evaluations in a lane.
@@ -40,11 +43,11 @@ def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...
 
     def point(lane: tuple[jax.Array, jax.Array], common: tuple[tuple[jax.Array, ...], Any]) -> Scores:
         values, keys = lane
-        inner_values, shared = common
+        inner_values, given = common
         fixed = {path: values[i] for i, path in enumerate(outer)}
 
         def score(chosen: tuple[jax.Array, ...], key: jax.Array) -> Scores:
-            return problem.scores(fixed | dict(zip(inner, chosen, strict=True)), key, shared)
+            return problem.scores(fixed | dict(zip(inner, chosen, strict=True)), key, given)
 
         run = jax.vmap(score, in_axes=(None, 0))
         for axis in reversed(range(len(inner))):
@@ -121,7 +124,7 @@ class Grid:
 
     @cached_property
     def program(self) -> Any:
-        """The compiled (lanes, (inner values, shared motion)) -> scores `(lane, *inner axes, scenario)`."""
+        """The compiled (lanes, (inner values, given)) -> scores `(lane, *inner axes, scenario)`."""
         return lane_program(self.problem, self.outer, self.inner, width=self.inner_size // self._split)
 
     def arguments(self, points: np.ndarray) -> tuple[Any, Any]:
@@ -133,7 +136,7 @@ class Grid:
             jnp.tile(blocks, (len(points), 1)),
         )
         inner = tuple(jnp.asarray(self.axes[path], float) for path in self.inner)
-        return lanes, (inner, self.problem.shared_truth)
+        return lanes, (inner, self.problem.given)
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """Return each score at some outer points, `(point, inner point, scenario)`."""

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
 from tuning.build import build_bench, with_leaves
+from tuning.integration import check_substeps, choose_substeps, motion_of
 from tuning.study import Study
-from vsajax import Bench, Scores, Truth, experiment, plants
+from vsajax import Bench, Scores, Truth, experiment
 
 Stream = Literal["train", "held_out"]
 Values = Mapping[str, Float[Array, "..."]]
@@ -27,6 +27,18 @@ def scenario_keys(study: Study, stream: Stream, count: int) -> Key[Array, " scen
     """Return one key a scenario: the i-th is the same however many are drawn."""
     base = jax.random.fold_in(jax.random.key(study.seed), _STREAMS[stream])
     return jax.vmap(lambda i: jax.random.fold_in(base, i))(jnp.arange(count))
+
+
+class Given(NamedTuple):
+    """What a study's programs are given: as arguments, so that one compilation serves every value.
+
+    Args:
+        bench: the bench at the study's own numbers.
+        truth: the motion that every scenario sees, or `None` where they differ.
+    """
+
+    bench: Bench
+    truth: Truth | None
 
 
 @dataclass(frozen=True)
@@ -60,30 +72,13 @@ class Problem:
 
     @cached_property
     def substeps(self) -> int:
-        """Integration steps a sample: the study's, or enough to resolve the stiffest moment of its motion."""
-        if self.study.substeps is not None:
-            return self.study.substeps
-        joint, sample_time = self.bench.joint, self.study.clock.sample_time
-        start = joint.observe(joint.rest(), plants.Torques.none())
-        substeps = plants.substeps_for(float(joint.fastest_rate(start.stiffness)), sample_time)
-        while True:
-            # The stiffness along the way is only known once simulated; a stiffer moment asks for finer steps.
-            truth = self._simulate_motion(self.bench, jax.random.key(0), substeps)
-            rates = joint.fastest_rate(truth.motion.stiffness)
-            fastest = float(jnp.max(jnp.where(jnp.isfinite(rates), rates, jnp.inf)))
-            if not math.isfinite(fastest):
-                raise FloatingPointError(
-                    f"the simulated joint diverges with {substeps} integration steps a sample; "
-                    "check its parameters, or set `substeps` in the study"
-                )
-            needed = plants.substeps_for(fastest, sample_time)
-            if needed <= substeps:
-                return substeps
-            substeps = needed
-
-    @staticmethod
-    def _simulate_motion(bench: Bench, key: Key[Array, ""], substeps: int) -> Truth:
-        return jax.jit(experiment.simulate, static_argnames="substeps")(bench, key=key, substeps=substeps)
+        """Integration steps a sample: the study's, or enough for its `integration_tolerance`."""
+        study = self.study
+        sample_time, tolerance = study.clock.sample_time, study.integration_tolerance
+        if study.substeps is None:
+            return choose_substeps(self.bench, sample_time, tolerance)
+        check_substeps(self.bench, sample_time, study.substeps, tolerance)
+        return study.substeps
 
     @cached_property
     def shared_truth(self) -> Truth | None:
@@ -92,27 +87,30 @@ class Problem:
         substeps = self.substeps
         if not self.shares_motion:
             return None
-        return self._simulate_motion(self.bench, jax.random.key(0), substeps)
+        return motion_of(self.bench, substeps)
 
-    def record(
-        self, bench: Bench, key: Key[Array, ""], shared: Truth | None
-    ) -> tuple[Truth, experiment.Recording]:
+    @property
+    def given(self) -> Given:
+        """What `record`, `scores` and `residuals` are given."""
+        return Given(self.bench, self.shared_truth)
+
+    def record(self, key: Key[Array, ""], given: Given) -> tuple[Truth, experiment.Recording]:
         """Return the motion and its recording in the scenario of `key`."""
-        truth = shared
+        truth = given.truth
         if truth is None:
-            truth = experiment.simulate(bench, key=jax.random.fold_in(key, _CLOCK), substeps=self.substeps)
-        return truth, experiment.measure(bench, truth, key=jax.random.fold_in(key, _NOISE))
+            truth = experiment.simulate(given.bench, key=jax.random.fold_in(key, _CLOCK), substeps=self.substeps)
+        return truth, experiment.measure(given.bench, truth, key=jax.random.fold_in(key, _NOISE))
 
-    def scores(self, values: Values, key: Key[Array, ""], shared: Truth | None) -> Scores:
-        """Return the scores at `values` in the scenario of `key`; `shared` is `shared_truth`."""
-        bench = with_leaves(self.bench, values)
-        truth, recording = self.record(bench, key, shared)
+    def scores(self, values: Values, key: Key[Array, ""], given: Given) -> Scores:
+        """Return the scores at `values` in the scenario of `key`."""
+        bench = with_leaves(given.bench, values)
+        truth, recording = self.record(key, given._replace(bench=bench))
         return experiment.score(bench.estimator, recording, truth.motion.stiffness, scorer=bench.scorer)
 
-    def residuals(self, values: Values, key: Key[Array, ""], shared: Truth | None) -> Float[Array, " time"]:
+    def residuals(self, values: Values, key: Key[Array, ""], given: Given) -> Float[Array, " time"]:
         """Return the vector whose squared norm is the scenario's objective [√%]."""
-        bench = with_leaves(self.bench, values)
-        truth, recording = self.record(bench, key, shared)
+        bench = with_leaves(given.bench, values)
+        truth, recording = self.record(key, given._replace(bench=bench))
         return experiment.residuals(
             bench.estimator,
             recording,

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tuning.build import build, build_estimator
+from tuning.errors import input_error
 from tuning.logs import RecordingTable
 from tuning.problem import Problem, scenario_keys
 from tuning.study import Config, Study
@@ -30,11 +31,11 @@ def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarra
         scenario: number of the noise draw in the training stream.
 
     Raises:
-        FloatingPointError: the motion is not finite.
+        InputError: the motion is not finite.
     """
     problem = Problem(study)
     key = scenario_keys(study, "train", scenario + 1)[scenario]
-    truth, recording = problem.record(problem.bench, key, problem.shared_truth)
+    truth, recording = problem.record(key, problem.given)
     signals = {name: value for name, value in recording._asdict().items() if value is not None}
     signals |= {
         "true_stiffness": truth.motion.stiffness,
@@ -42,9 +43,8 @@ def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarra
     }
     columns = {name: np.asarray(value) for name, value in signals.items()}
     if not all(np.isfinite(values).all() for values in columns.values()):
-        raise FloatingPointError(
-            f"the simulated joint diverges with {problem.substeps} integration steps a sample; "
-            "check its parameters, or raise `substeps` in the study"
+        raise input_error(
+            "joint", "the simulated motion is not finite", "check its springs, inertias and excitation"
         )
     return columns, problem.substeps
 

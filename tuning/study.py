@@ -19,7 +19,7 @@ from pydantic import Field
 
 from tuning.axes import Axis, Bounds, parse_axis
 from tuning.errors import InputError, Mistake, input_error
-from tuning.parts.base import AtLeastOne, Part
+from tuning.parts.base import AtLeastOne, Part, Positive
 from tuning.parts.bench import Clock, Excitation, Scorer, Sensing
 from tuning.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
@@ -78,6 +78,7 @@ class Study(Config):
     excitation: Excitation = Excitation()
     sensing: Sensing
     clock: Clock
+    integration_tolerance: Positive = 1e-7
     substeps: AtLeastOne | None = None
     scenarios: Scenarios = Scenarios()
     sweep: Sweep = Sweep()
@@ -256,6 +257,9 @@ def _check_windows(study: Study, place: str) -> list[Mistake]:
         if f"{path}.window" in varied and observer.longest_window is None:
             problem = "is missing, but the window is varied"
             mistakes.append(Mistake(f"{place}: {path}.longest_window", problem, "set it to the longest of them"))
+        if f"{path}.window" in study.tune.parameters and observer.quadrature != "product":
+            problem = f"got {observer.quadrature!r}, which rounds the window to samples, but the window is tuned"
+            mistakes.append(Mistake(f"{place}: {path}.quadrature", problem, 'set it to "product"'))
     return mistakes
 
 

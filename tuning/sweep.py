@@ -148,7 +148,7 @@ def plan_sweep(study: Study, place: str) -> GridSweep:
     return GridSweep(study, axes, study.sweep.scenarios)
 
 
-def rank(table: pa.Table, axes: Sequence[str], score: str = "msrep") -> list[dict[str, float]]:
+def rank(table: pa.Table, axes: Sequence[str], score: str) -> list[dict[str, float]]:
     """Return the configurations, best mean score first, with the mean, median and 90 % quantile over scenarios.
 
     A configuration with scenarios whose score is not finite, counted under "diverged", has none and goes last.

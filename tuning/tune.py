@@ -90,7 +90,7 @@ class Search:
         keys = scenario_keys(self.study, "train", self.study.scenarios.train)
         program = lane_program(self.problem, self.space.paths, (), width=len(keys))
         lanes = (jnp.asarray(points), jnp.broadcast_to(keys, (len(points), *keys.shape)))
-        scores = program(lanes, ((), self.problem.shared_truth))
+        scores = program(lanes, ((), self.problem.given))
         return np.asarray(jnp.mean(getattr(scores, self.study.tune.objective), axis=1))
 
     def sobol_points(self) -> np.ndarray:

@@ -7,15 +7,18 @@ from tuning.study import Study, load_study
 
 EXAMPLES = sorted((CONFIGS / "studies").glob("*.toml"))
 TUNED = sorted((CONFIGS / "tuned").glob("*.toml"))
-SERIAL, SEA = CONFIGS / "studies" / "serial.toml", CONFIGS / "studies" / "sea.toml"
+SERIAL, SEA, ANTAGONISTIC = (CONFIGS / "studies" / f"{kind}.toml" for kind in ("serial", "sea", "antagonistic"))
+RESIDUAL_PAIR = CONFIGS / "tuned" / "antagonistic_residual.toml"
 
 GAIN, PRIOR = "estimator.torque.observer_gain", "estimator.fit.prior_scale"
 NOISE = "sensing.elastic_torque.noise_std"
 FORGETTING = "estimator.fit.law.forgetting"
+WINDOW = "estimator.side.window"
 
 # At 0.1 Hz the AwAS hardly moves in a fraction of a second: drive it faster.
 SMALL = (
     "clock.duration=0.2",
+    "integration_tolerance=1e-6",
     "excitation.motor.frequency=2.0",
     "excitation.setpoint_motor.frequency=1.0",
     "estimator.basis.deflection_terms=1",
@@ -51,3 +54,9 @@ def tiny_tuning(*settings: str) -> Study:
         f"tune={{ starts = 2, screen = 4, max_steps = 20, parameters = {{ {bounds} }} }}",
         *settings,
     )
+
+
+def small_antagonistic(*settings: str) -> Study:
+    """Return the antagonistic study over 1.5 s with a window of 0.3 s, no grid and nothing to tune."""
+    short = ("clock.duration=1.5", "scorer.warm_up=0.6", f"{WINDOW}=0.3", "scenarios={train=4, held_out=6}")
+    return load_study(ANTAGONISTIC, [*short, "sweep={}", "tune.parameters={}", *settings])

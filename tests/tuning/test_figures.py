@@ -112,7 +112,7 @@ def test_a_sweep_is_drawn_over_every_pair_of_axes(count, diverged, tmp_path):
         "some": lambda n: np.nan if n % 2 else 1.0 + n,
         "all": lambda _: np.nan,
     }[diverged]
-    figure = draw_sweep(rows_of(axes, mean), axes)
+    figure = draw_sweep(rows_of(axes, mean), axes, "msrep")
     reads_well(figure, tmp_path)
     labels = [(axis.get_xlabel(), axis.get_ylabel()) for axis in figure.axes if axis.get_xlabel()]
     if count == 1:
@@ -124,18 +124,18 @@ def test_a_sweep_is_drawn_over_every_pair_of_axes(count, diverged, tmp_path):
 def test_the_star_of_a_sweep_is_on_the_best_configuration(tmp_path):
     axes = {GAIN: AXES[GAIN], PRIOR: AXES[PRIOR]}
     # Configuration 3 is the second gain with the second prior.
-    figure = draw_sweep(rows_of(axes, lambda n: 1.0 + abs(n - 3)), axes)
+    figure = draw_sweep(rows_of(axes, lambda n: 1.0 + abs(n - 3)), axes, "msrep")
     (star,) = figure.axes[0].get_lines()
     assert (star.get_xdata()[0], star.get_ydata()[0]) == (1.5, 1.5)
 
 
 def test_an_axis_of_one_value_makes_no_plane(tmp_path):
     axes = {GAIN: [10.0], PRIOR: AXES[PRIOR]}
-    figure = draw_sweep(rows_of(axes, lambda n: 1.0 + n), axes)
+    figure = draw_sweep(rows_of(axes, lambda n: 1.0 + n), axes, "msrep")
     reads_well(figure, tmp_path)
     assert figure.axes[0].get_xlabel() == PRIOR
-    reads_well(draw_sweep(rows_of({GAIN: [10.0]}, lambda n: 1.0 + n), {GAIN: [10.0]}), tmp_path)
-    reads_well(draw_sweep(rows_of({"a": [-1.0, 0.0]}, lambda n: 1.0 + n), {"a": [-1.0, 0.0]}), tmp_path)
+    reads_well(draw_sweep(rows_of({GAIN: [10.0]}, lambda n: 1.0 + n), {GAIN: [10.0]}, "msrep"), tmp_path)
+    reads_well(draw_sweep(rows_of({"a": [-1.0, 0.0]}, lambda n: 1.0 + n), {"a": [-1.0, 0.0]}, "msrep"), tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -31,9 +31,9 @@ def starts(tuner: GradientTuner, own: dict[str, float]) -> list[jax.Array]:
 
 @pytest.mark.gradient
 def test_the_gradient_matches_central_differences(awas):
-    shared = awas.problem.shared_truth
-    objective = jax.jit(lambda z: awas.objective(z, shared))
-    gradient = jax.jit(jax.jacfwd(lambda z: awas.objective(z, shared)))
+    given = awas.problem.given
+    objective = jax.jit(lambda z: awas.objective(z, given))
+    gradient = jax.jit(jax.jacfwd(lambda z: awas.objective(z, given)))
     # Truncation is h²/6 times third over first derivative, about h² here and 100 h² at worst: 1e-8 to 1e-6.
     # Rounding of an objective that is good to 1e-14 adds 1e-14 / 1e-4 times objective over slope, up to 3000.
     step = 1e-4
@@ -49,9 +49,9 @@ def test_the_gradient_matches_central_differences(awas):
 @pytest.mark.gradient
 def test_forward_and_reverse_mode_agree_and_are_finite_up_to_the_bounds():
     tuner = Search(tiny_tuning(), "gradient").tuner
-    shared = tuner.problem.shared_truth
-    forward = jax.jit(jax.jacfwd(lambda z: tuner.objective(z, shared)))
-    reverse = jax.jit(jax.grad(lambda z: tuner.objective(z, shared)))
+    given = tuner.problem.given
+    forward = jax.jit(jax.jacfwd(lambda z: tuner.objective(z, given)))
+    reverse = jax.jit(jax.grad(lambda z: tuner.objective(z, given)))
     # The sigmoid of 40 is 1 to the last bit: beyond, nothing moves.
     for z in (jnp.array([0.3, -0.7]), jnp.array([-40.0, 40.0]), jnp.array([40.0, -40.0])):
         # Sums of 3 × 200 terms in two orders, through 200 recursive steps.
@@ -67,7 +67,7 @@ def test_every_algorithm_leads_down_within_the_bounds(algorithm):
     tuner, own = search.tuner, search.own
     outcome = tuner.run(own)
     z = tuner.space.unconstrain({path: jnp.asarray(value) for path, value in own.items()})
-    before = float(tuner.objective(z, tuner.problem.shared_truth))
+    before = float(tuner.objective(z, tuner.problem.given))
     assert outcome.start == own
     assert outcome.message in {"converged", "step limit"}
     assert 0 < outcome.steps <= 30
@@ -76,6 +76,6 @@ def test_every_algorithm_leads_down_within_the_bounds(algorithm):
         assert bounds.low <= outcome.values[path] <= bounds.high
     # What it reports is the mean score of the training scenarios there.
     values = {path: jnp.asarray(value) for path, value in outcome.values.items()}
-    residuals = jax.jit(jax.vmap(lambda key: tuner.problem.residuals(values, key, tuner.problem.shared_truth)))
+    residuals = jax.jit(jax.vmap(lambda key: tuner.problem.residuals(values, key, tuner.problem.given)))
     again = jnp.sum(residuals(tuner.keys) ** 2) / tuner.keys.size
     assert float(again) == pytest.approx(outcome.objective, rel=1e-9)

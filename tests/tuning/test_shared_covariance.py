@@ -56,4 +56,4 @@ def test_gains_and_noise_draws_share_the_covariance_and_priors_do_not(problem):
     points = jnp.array([[gain, prior] for gain in GAINS for prior in PRIORS])
     lanes = (points, jnp.broadcast_to(keys, (len(points), 1)))
     unshared = lane_program(problem, (GAIN, PRIOR), (), width=1)
-    assert work(unshared, lanes, ((), problem.shared_truth)) > 7.0 * single
+    assert work(unshared, lanes, ((), problem.given)) > 7.0 * single

@@ -129,7 +129,7 @@ def test_configurations_are_ranked_by_their_mean_and_diverged_ones_last():
             "msrep": [scores[n][s] for n, s in order],
         }
     )
-    rows = rank(table, [PRIOR])
+    rows = rank(table, [PRIOR], "msrep")
     assert [row["configuration"] for row in rows] == [2, 0, 1, 3]
     # The 90 % quantile of 1 and 2 lies nine tenths of the way between them.
     best = {"configuration": 2, PRIOR: 20.0, "mean": 1.5, "median": 1.5, "q90": pytest.approx(1.9)}

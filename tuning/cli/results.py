@@ -10,7 +10,7 @@ from tuning.cli.options import JSON, QUIET, emit, table
 
 
 @click.command(epilog="Example: vsajax reproduce serial -o runs/serial")
-@click.argument("paper", type=click.Choice(["serial", "antagonistic", "all"]))
+@click.argument("paper", type=click.Choice(["serial", "antagonistic", "duel", "all"]))
 @click.option("-o", "--output", "folder", type=click.Path(path_type=Path), help="Folder for figures and rows.")
 @JSON
 @QUIET
@@ -44,10 +44,17 @@ def reproduce(paper: str, folder: Path | None, as_json: bool, quiet: bool) -> No
             ]
             lines.append(table(["row", "printed", "measured", "unit", "allowed", ""], shown))
             lines += [f"  {row.name}: {row.note}" for row in report.rows if row.note]
+            lines += report.findings
             lines += [f"wrote {path}" for path in report.figures]
         return "\n".join(lines)
 
-    result = {"study": paper, "ok": ok, "rows": rows, "figures": [str(f) for r in reports for f in r.figures]}
+    result = {
+        "study": paper,
+        "ok": ok,
+        "rows": rows,
+        "findings": [finding for report in reports for finding in report.findings],
+        "figures": [str(path) for report in reports for path in report.figures],
+    }
     emit(result, as_json=as_json, quiet=quiet, text=text)
     if not ok:
         raise click.exceptions.Exit(1)

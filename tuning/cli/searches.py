@@ -69,15 +69,16 @@ def sweep(
         return
     store = planned.open(folder, resume=resume)
     results = planned.run(store, quiet=quiet)
-    rows = rank(results, list(planned.axes))
-    picture = save(draw_sweep(rows, planned.axes), folder / "figures" / "sweep.png")
+    objective = loaded.tune.objective
+    rows = rank(results, list(planned.axes), objective)
+    picture = save(draw_sweep(rows, planned.axes, objective), folder / "figures" / "sweep.png")
     emit(
         {"run": folder, "results": folder / "results.parquet", "picture": picture, "best": rows[:10]},
         as_json=as_json,
         quiet=quiet,
         text=lambda: "\n".join(
             [
-                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean MSREP [%]:",
+                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective} [%]:",
                 table(list(rows[0]), [list(row.values()) for row in rows[:5]]),
                 f"wrote {folder / 'results.parquet'} and {picture}",
             ]
@@ -236,7 +237,7 @@ def compare(
 
     found = run_comparison(studies, folder, resume=resume, quiet=quiet)
     objective = loaded.tune.objective
-    each = {contender.name: contender.judgement.each for contender in found}
+    each = dict(zip(_labels(configs), (contender.judgement.each for contender in found), strict=True))
     picture = save(draw_tuning(each, objective), folder / "figures" / "compare.png")
     rows = [
         {
@@ -267,3 +268,9 @@ def compare(
         return f"{table(headers, lines)}\nwrote {folder / 'results.parquet'} and {picture}"
 
     emit({"run": folder, "picture": picture, "configs": rows}, as_json=as_json, quiet=quiet, text=text)
+
+
+def _labels(paths: tuple[Path, ...]) -> list[str]:
+    """Return the files' names where they tell them apart, else the last two parts of their paths."""
+    names = [path.stem for path in paths]
+    return names if len(set(names)) == len(names) else ["/".join(path.parts[-2:]) for path in paths]

@@ -1,15 +1,15 @@
-"""The papers' tables and figures, computed and judged; one module a paper."""
+"""The papers' tables and figures, computed and judged; one module a paper, and the duel of two."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tuning.reproduce import antagonistic, serial
+from tuning.reproduce import antagonistic, duel, serial
 from tuning.reproduce.report import Report, Row
 
 __all__ = ["Report", "Row", "reproduce_paper"]
 
-_PAPERS = {"serial": serial.reproduce, "antagonistic": antagonistic.reproduce}
+_PAPERS = {"serial": serial.reproduce, "antagonistic": antagonistic.reproduce, "duel": duel.reproduce}
 
 
 def reproduce_paper(paper: str, folder: Path | None) -> list[Report]:

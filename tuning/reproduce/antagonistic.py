@@ -14,13 +14,15 @@ from typing import Any
 import jax
 import numpy as np
 
+from tuning.integration import choose_substeps, motion_of
 from tuning.reproduce.report import Report, Row
 from vsajax import Bench, Recording, Scorer, Scores, Truth, experiment, plants, rollout
 from vsajax import estimators as es
 from vsajax import sensing as se
 
 _TITLE = "Ménard, Grioli, Bicchi: agonist-antagonist joint and the algebraic observer"
-_MOTOR = {"motor_inertia": 1e-4, "motor_damping": 1.27}
+_MOTOR: dict[str, Any] = {"motor_inertia": 1e-4, "motor_damping": 1.27}
+_SAMPLE_TIME = 1e-3
 _SUBSTEPS = 256
 """The near-unregularised rows ask for a motion that is exact to 1e-10 rad."""
 _SEED = 20240601
@@ -72,20 +74,21 @@ def excitation(setting: Setting) -> se.Excitation:
     return se.Excitation(motor1=first, motor2=second)
 
 
-@cache
-def truth_of(setting: Setting) -> Truth:
-    """Return the scenario's motion over 10 s at 1 kHz."""
-    bench = Bench(
+def _bench(setting: Setting) -> Bench:
+    return Bench(
         joint=setting.joint,
         excitation=excitation(setting),
         sensing=se.SensorSuite(),
         estimator=algebraic(1e10),
         scorer=Scorer(),
-        clock=se.Clock(1e-3, 10.0),
+        clock=se.Clock(_SAMPLE_TIME, 10.0),
     )
-    return jax.jit(experiment.simulate, static_argnames="substeps")(
-        bench, key=jax.random.key(0), substeps=_SUBSTEPS
-    )
+
+
+@cache
+def truth_of(setting: Setting) -> Truth:
+    """Return the scenario's motion over 10 s at 1 kHz."""
+    return motion_of(_bench(setting), _SUBSTEPS)
 
 
 def record(truth: Truth, noise: Any, position_std: float, torque_std: float) -> Recording:
@@ -144,6 +147,9 @@ def score(estimator: es.AntagonisticPair, recording: Recording, stiffness: jax.A
     return experiment.score(estimator, recording, stiffness, scorer=Scorer())
 
 
+_estimate = jax.jit(experiment.estimate)
+
+
 @jax.jit
 def _final_coefficients(estimator: es.AntagonisticPair, recording: Recording) -> tuple[jax.Array, ...]:
     """Return the first side's coefficients at the end of a recording."""
@@ -175,8 +181,14 @@ def _plant_rows(setting: Setting) -> list[Row]:
     sigma = np.asarray(motion.stiffness)[2000:]
     spread = (sigma.min(), sigma.mean(), sigma.max())
     worst = max(abs(m / r - 1.0) for m, r in zip(spread, setting.stiffness, strict=True))
+    own = choose_substeps(_bench(setting), _SAMPLE_TIME, 1e-8)
+    chosen = motion_of(_bench(setting), own).motion
+    names = ("motor1_position", "motor2_position", "link_position")
+    apart = max(float(np.max(np.abs(getattr(chosen, name) - getattr(motion, name)))) for name in names)
+    steps = f"integration_tolerance = 1e-8 asks for {own} steps a sample; over 10 s, against {_SUBSTEPS}"
     return [
         Row(f"{setting.name} q1, q2, qL at 10 s, largest error", None, error, "rad", 0.0, 1e-8, "against Radau"),
+        Row(f"{setting.name} positions with the chosen step, largest error", None, apart, "rad", 0.0, 1e-8, steps),
         Row(f"{setting.name} σ min, mean, max, largest error", None, float(worst), "relative", 0.0, 1e-5),
     ]
 
@@ -213,7 +225,27 @@ def _noise_free_rows() -> list[Row]:
     ):
         name = f"X1 order 10, {weighting['weighting']} weight, P(0) = 1e7"
         rows += _score_rows(name, algebraic(1e7, order=10, **weighting), X1, silence, mse, msrep)
-    return rows
+    return [*rows, *_conditioning_rows()]
+
+
+def _conditioning_rows() -> list[Row]:
+    """Return what the printed prior leaves undetermined on X1, and what a scaled basis does about it."""
+    recording = record(truth_of(X1), np.zeros((5, 1)), 0.0, 0.0)
+    rows = []
+    for weighting, freedom in ((CONTINUOUS, 0.90), (SAMPLED, 1.89)):
+        answer = _estimate(algebraic(1e7, order=10, **weighting), recording)
+        name = f"X1 order 10, {weighting['weighting']} weight, P(0) = 1e7: effective d.o.f. of side 1, of 11"
+        rows.append(_close(name, float(answer.sides[0].signals.determined[-1]), freedom, "1", 1e-2))
+    scaled = es.AlgebraicObserver(
+        **_MOTOR,
+        window=1.0,
+        basis=es.Legendre(-0.75, 0.75, order=11),
+        fit=es.RecursiveLeastSquares(1e10),
+        scaling="scale_free",
+    )
+    scores = score(es.AntagonisticPair(scaled), recording, truth_of(X1).motion.stiffness)
+    name = "X1 order 10, Legendre basis on ±0.75 rad: MSREP"
+    return [*rows, Row(name, None, float(scores.msrep_settled), "%", 0.0, 0.01)]
 
 
 def _noisy_rows() -> list[Row]:

@@ -1,8 +1,7 @@
-"""Figures of the antagonistic paper, and what its comparison leaves out: window, noise and tuning."""
+"""Figures of the antagonistic paper, and the window that it leaves open."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import equinox as eqx
@@ -10,13 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.axes import Bounds
-from tuning.figures import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, save
-from tuning.judging import Judgement
+from tuning.figures import ESTIMATE, OTHER, TRUTH, new_figure, save
 from tuning.reproduce import antagonistic as paper
-from tuning.resources import example_path
-from tuning.study import Study, load_study
-from tuning.tune import Search
 from vsajax import estimators as es
 from vsajax import experiment
 
@@ -27,7 +21,6 @@ def draw(folder: Path) -> list[Path]:
         _draw_simulation(folder),
         _draw_exponential(folder),
         _draw_window(folder),
-        _draw_noise(folder),
     ]
 
 
@@ -96,7 +89,7 @@ def _draw_window(folder: Path) -> Path:
             prepared = estimator.offline(recording.samples())
             # Rows before 2 s do not count, whatever the window.
             late = (truth.time >= 2.0).astype(truth.time.dtype)
-            inputs = tuple(rows._replace(is_complete=rows.is_complete * late) for rows in prepared.inputs)
+            inputs = tuple(rows._replace(share=rows.share * late) for rows in prepared.inputs)
             answer = experiment.rollout.scan(prepared.step, prepared.state, inputs)[1]
             relative = (truth.motion.stiffness - answer.stiffness) / truth.motion.stiffness
             counted = truth.time >= 4.0
@@ -110,78 +103,3 @@ def _draw_window(folder: Path) -> Path:
     axis.legend(title="encoder noise", loc="upper right")
     figure.suptitle("R1, weak scale-free prior: a knee at 0.2–0.3 s, then a plateau")
     return save(figure, folder / "window.png")
-
-
-_LEVELS = (1e-3, 1e-2, 3e-2)
-_PAIR = "estimator.side."
-
-
-def _duel_study(position_std: float, side: Sequence[str]) -> Study:
-    noise = [f"sensing.{name}_position.noise_std={position_std}" for name in ("link", "motor1", "motor2")]
-    own = ["sweep={}", "tune.parameters={}", "scenarios.train=4", "scenarios.held_out=32", "clock.duration=5.0"]
-    own.append("tune.max_steps=15")
-    return load_study(example_path("antagonistic", "antagonistic"), [*own, *noise, *side])
-
-
-def _kalman(position_std: float, acceleration_variance: float) -> str:
-    variance = position_std**2
-    return (
-        f'{{type="kalman", acceleration_variance={acceleration_variance}, reading_variance={variance}, '
-        f"start_position_variance={variance}, start_velocity_variance=100.0}}"
-    )
-
-
-def _families(position_std: float) -> dict[str, tuple[list[str], dict[str, Bounds]]]:
-    """Return each family's settings and what is tuned of it."""
-    algebraic = [f"estimator.side.velocity={_kalman(position_std, 1e3)}"]
-    residual = (
-        'estimator.side={type="two_stage", fit={prior_scale=1e6}, basis={type="odd", deflection_terms=4}, '
-        f"velocity={_kalman(position_std, 1e3)}, "
-        'torque={type="residual", observer_gain=1e3, motor_inertia=1e-4, motor_damping=1.27}}'
-    )
-    variance = {f"{_PAIR}velocity.acceleration_variance": Bounds(low=0.1, high=1e6)}
-    prior = f"{_PAIR}fit.prior_scale"
-    return {
-        "algebraic": (
-            algebraic,
-            {f"{_PAIR}window": Bounds(low=0.05, high=2.0), prior: Bounds(low=1e4, high=1e16)} | variance,
-        ),
-        "residual": (
-            [residual],
-            {f"{_PAIR}torque.observer_gain": Bounds(low=5.0, high=1500.0), prior: Bounds(low=1e-2, high=1e8)}
-            | variance,
-        ),
-    }
-
-
-def _draw_noise(folder: Path) -> Path:
-    """Error against encoder noise on R1 for both families, as given and tuned at each level."""
-    colours = {"algebraic": ESTIMATE, "residual": OTHER}
-    figure, axis = new_figure(6.4, 4.0)
-    axis.plot([], [], "o--", color=QUIET, label="as given")
-    axis.plot([], [], "o-", color=QUIET, label="tuned (bars: 95 % interval)")
-    for family, colour in colours.items():
-        points = [_duel(level, family) for level in _LEVELS]
-        given, tuned = (np.array([p[i].mean for p in points]) for i in (0, 1))
-        ends = np.array([[p[1].mean - p[1].low, p[1].high - p[1].mean] for p in points]).T
-        axis.plot(1e3 * np.array(_LEVELS), given, "o--", color=colour, alpha=0.6)
-        axis.errorbar(
-            1e3 * np.array(_LEVELS), tuned, np.abs(ends), fmt="o-", color=colour, capsize=3, label=family
-        )
-    axis.set(
-        xscale="log", yscale="log", xlabel="encoder noise [mrad]", ylabel="MSREP, 2 to 5 s,\nheld-out mean [%]"
-    )
-    axis.legend(loc="upper left")
-    figure.suptitle("R1: both families, as given and tuned for each noise level")
-    return save(figure, folder / "noise.png")
-
-
-def _duel(position_std: float, family: str) -> tuple[Judgement, Judgement]:
-    """Return the held-out scores as given and tuned."""
-    settings, bounds = _families(position_std)[family]
-    study = _duel_study(position_std, settings)
-    tuned = study.model_copy(update={"tune": study.tune.model_copy(update={"parameters": bounds})})
-    search = Search(tuned, "gradient")
-    best = search.tuner.run(search.own).values
-    count = study.scenarios.held_out
-    return search.judge(search.own, "held_out", count), search.judge(best, "held_out", count)

@@ -42,11 +42,13 @@ class Report:
         title: of the paper.
         rows: its numbers.
         figures: files that were drawn.
+        findings: sentences that no single row holds.
     """
 
     title: str
     rows: list[Row]
     figures: list[Path]
+    findings: list[str] = field(default_factory=list)
 
     @property
     def ok(self) -> bool:

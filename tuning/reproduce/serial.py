@@ -55,7 +55,7 @@ class _Run:
 def _run(study: Study, scenario: int = 0) -> _Run:
     problem = Problem(study)
     key = scenario_keys(study, "train", scenario + 1)[scenario]
-    truth, recording = problem.record(problem.bench, key, problem.shared_truth)
+    truth, recording = problem.record(key, problem.given)
     return _Run(truth, recording, jax.jit(experiment.estimate)(build_estimator(study), recording))
 
 
@@ -113,7 +113,7 @@ def _table_rows(name: str, scores: dict[str, np.ndarray]) -> list[Row]:
 def _reference_rows() -> list[Row]:
     """Return the median over the very draws of the independent reproduction, and over many more of the same."""
     problem = Problem(_study())
-    truth, silent = problem.record(problem.bench, jax.random.key(0), problem.shared_truth)
+    truth, silent = problem.record(jax.random.key(0), problem.given)
     std, clean = float(problem.study.sensing.motor_torque.noise_std), truth.motion.motor_torque  # pyright: ignore
 
     def msrep(noise: jax.Array) -> jax.Array:

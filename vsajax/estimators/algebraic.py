@@ -24,8 +24,11 @@ from vsajax.estimators.bases import AbstractBasis
 from vsajax.estimators.gate import ExcitationGate, GateState
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.velocity import AbstractVelocityFilter
-from vsajax.numerics import dot
+from vsajax.numerics import dot, safe_sqrt
 from vsajax.types import Estimate, Sample, Scalar, Signals, as_leaf
+
+_WHOLE = 1.0 - 1e-6
+"""Above it a window is complete: T/T_s rounds."""
 
 
 class Regression(NamedTuple):
@@ -35,13 +38,14 @@ class Regression(NamedTuple):
         sample: the newest sample of the window.
         target: C.
         features: B.
-        is_complete: whether the window lies within the recording, or may count as if it did.
+        share: 1 where the window lies within the recording, or may count as if it did; 0 where it does not; in
+            between for the last sample before, so that the fit is continuous in T.
     """
 
     sample: Sample
     target: Float[Array, "..."]
     features: tuple[Float[Array, "..."], ...]
-    is_complete: Float[Array, "..."]
+    share: Float[Array, "..."]
 
 
 class FitStage(NamedTuple):
@@ -69,7 +73,7 @@ class AlgebraicObserver(AbstractEstimator):
     Args:
         motor_inertia: B, of the rotor [kg·m²].
         motor_damping: D, on the motor axis [N·m·s/rad].
-        window: T [s]; real, and differentiable with product quadrature.
+        window: T [s]; real, and differentiable with product quadrature. The others round it to samples.
         basis: features of the elastic torque.
         fit: the recursive fit.
         gear_ratio: γ.
@@ -82,7 +86,8 @@ class AlgebraicObserver(AbstractEstimator):
             (23)–(24) over a sample. "sample" with P(0) is "continuous" with P(0)/T_s.
         scaling: "printed", the equation above; or "scale_free": both sides divided by T² ‖g′‖ and each sample
             weighted T_s/T, so that a prior scale keeps its meaning when T, T_s or the basis' units change.
-        start: "window", the fit waits until the window is full; "zeros", as if all signals had been zero before;
+        start: "window", the fit waits until the window is full (a window that lacks less than a sample counts in
+            part, its missing end held at the first reading); "zeros", as if all signals had been zero before;
             "rest", as if they had been at their first values. Zeros are wrong for a joint that starts elsewhere.
     """
 
@@ -112,10 +117,15 @@ class AlgebraicObserver(AbstractEstimator):
         """Number of samples in the longest window."""
         return windows.taps_of(self.longest_window, self.sample_time)
 
+    @property
+    def _span(self) -> Scalar:
+        """The window that the quadrature covers [s]."""
+        return windows.span_of(self.window, sample_time=self.sample_time, quadrature=self.quadrature)
+
     def init(self, sample: Sample) -> RingState:
         """Return the state before the first sample, which `step` then processes as any other."""
         position, torque, features = self._signals(sample)
-        held = 1.0 if self.start == "rest" else 0.0
+        held = 0.0 if self.start == "zeros" else 1.0
         full = jnp.ones(self.taps)
         return RingState(
             held * position * full,
@@ -137,7 +147,7 @@ class AlgebraicObserver(AbstractEstimator):
             sample,
             jnp.sum(on_position * positions) + jnp.sum(on_torque * torques),
             tuple(jnp.sum(on_features * rows[:, j]) for j in range(self.basis.size)),
-            self._is_complete(seen),
+            self._share(seen),
         )
         stage, estimate = self._fit(state.stage, regression)
         return RingState(positions, torques, rows, seen, stage), estimate
@@ -147,16 +157,16 @@ class AlgebraicObserver(AbstractEstimator):
         position, torque, features = jax.vmap(self._signals)(samples)
         on_position, on_torque, on_features = self._responses()
 
-        def windowed(response: Array, signal: Array) -> Array:
+        def from_rest(signal: Array) -> Array:
             # The kernels' integrals vanish: with zeros before, a signal less its first value is one at rest.
-            return windows.convolve(response, signal - signal[0] if self.start == "rest" else signal)
+            return signal if self.start == "zeros" else signal - signal[0]
 
         count = jnp.arange(1, position.shape[0] + 1, dtype=position.dtype)
         rows = Regression(
             samples,
-            windowed(on_position, position) + windowed(on_torque, torque),
-            tuple(windowed(on_features, feature) for feature in features),
-            self._is_complete(count),
+            windows.convolve((on_position, on_torque), (from_rest(position), from_rest(torque))),
+            tuple(windows.convolve((on_features,), (from_rest(feature),)) for feature in features),
+            self._share(count),
         )
         return Prepared(self._start(jax.tree.map(lambda x: x[0], samples)), rows, self._fit)
 
@@ -169,23 +179,25 @@ class AlgebraicObserver(AbstractEstimator):
 
     def _responses(self) -> tuple[Array, Array, Array]:
         """Return the filters of position, torque and features."""
+        window = self._span
         first, second, third = (
             windows.impulse_response(
-                kernel, self.window, sample_time=self.sample_time, taps=self.taps, quadrature=self.quadrature
+                kernel, window, sample_time=self.sample_time, taps=self.taps, quadrature=self.quadrature
             )
             for kernel in (windows.FIRST, windows.SECOND, windows.THIRD)
         )
         square = self.gear_ratio**2
-        on_position = square * (self.window * self.motor_damping * second - self.motor_inertia * third)
-        on_torque = self.window**2 * first
-        scale = 1.0 / (self.window**2 * windows.FIRST_NORM) if self.scaling == "scale_free" else 1.0
+        on_position = square * (window * self.motor_damping * second - self.motor_inertia * third)
+        on_torque = window**2 * first
+        scale = 1.0 / (window**2 * windows.FIRST_NORM) if self.scaling == "scale_free" else 1.0
         return scale * on_position, scale * on_torque, -scale * on_torque
 
-    def _is_complete(self, count: Array) -> Array:
+    def _share(self, count: Array) -> Array:
         if self.start != "window":
             return jnp.ones_like(count)
-        # A sample at exactly t = T completes the window; the margin absorbs rounding of T/T_s.
-        return ((count - 1.0) * self.sample_time >= self.window - 1e-9) * jnp.ones_like(count)
+        # Not `clip`, whose derivative at whole samples is the mean of both sides.
+        surplus = count - self._span / self.sample_time
+        return jnp.where(surplus > 1.0, 1.0, jnp.maximum(surplus, 0.0))
 
     def _start(self, sample: Sample) -> FitStage:
         position, link = sample.read("motor_position"), sample.read("link_position")
@@ -205,9 +217,9 @@ class AlgebraicObserver(AbstractEstimator):
             motor, (position, velocity) = self.velocity.step(motor, position, sample.dt)
             link, (link_position, _) = self.velocity.step(link, link_position, sample.dt)
         deflection = link_position - position
-        weight = row.is_complete
+        weight = safe_sqrt(row.share)
         if self.scaling == "scale_free":
-            weight = weight * jnp.sqrt(self.sample_time / self.window)
+            weight = weight * jnp.sqrt(self.sample_time / self._span)
         elif self.weighting == "continuous":
             weight = weight * jnp.sqrt(self.sample_time)
         fit, factor = self.fit.step(
@@ -215,14 +227,14 @@ class AlgebraicObserver(AbstractEstimator):
         )
         # The empty rows of an incomplete window are no samples: counted, they would make the first answers look
         # certain.
-        fit = fit._replace(weight=fit.weight - (1.0 - row.is_complete))
+        fit = fit._replace(weight=fit.weight - (1.0 - row.share))
         setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
         features, slopes = self.basis(setpoint, deflection)
         stiffness = dot(slopes, fit.coefficients)
         std = jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0))
         gate, known = self.gate.step(state.gate, deflection, stiffness, std)
         torque = dot(features, fit.coefficients)
-        known = known & (row.is_complete > 0.0)
+        known = known & (row.share > _WHOLE)
         signals = Signals(deflection, torque, velocity, factor, self.fit.determined(fit))
         return FitStage(fit, gate, motor, link), Estimate(stiffness, std, torque, known, signals)
 

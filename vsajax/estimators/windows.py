@@ -37,6 +37,19 @@ def taps_of(window: float, sample_time: float) -> int:
     return math.ceil(window / sample_time - 1e-9) + 1
 
 
+def span_of(window: Scalar, *, sample_time: float, quadrature: Quadrature) -> Scalar:
+    """Return the window that a quadrature covers [s].
+
+    It is T itself with "product"; with "trapezoid" the whole number of samples within T, and with "simpson" the
+    even number of them, whose derivatives in T are 0.
+    """
+    if quadrature == "product":
+        return window
+    block = sample_time * (2 if quadrature == "simpson" else 1)
+    # The margin absorbs rounding of T/T_s.
+    return block * jnp.maximum(jnp.floor(window / block + 1e-6), 1.0)
+
+
 def impulse_response(
     kernel: tuple[float, ...], window: Scalar, *, sample_time: float, taps: int, quadrature: Quadrature
 ) -> Taps:
@@ -46,24 +59,23 @@ def impulse_response(
 
     Args:
         kernel: K's coefficients of rising powers.
-        window: T [s], any real number up to (taps − 1) T_s.
+        window: T [s], any real number up to (taps − 1) T_s that is a `span_of` the quadrature.
         sample_time: T_s [s].
         taps: length of the response.
         quadrature: "product", exact for the piecewise-linear interpolant of y and differentiable in T;
-            "trapezoid" and "simpson" take the window of `taps` whole samples.
+            "trapezoid"; or "simpson".
     """
     if quadrature == "product":
         return _product_weights(kernel, sample_time / window, taps)
-    steps = taps - 1
-    if quadrature == "simpson" and steps % 2:
-        raise ValueError(f"Simpson's rule needs an even number of steps in the window; got {steps}")
-    places = 1.0 - np.arange(taps) / steps
-    weights = np.full(taps, 1.0 / steps)
-    weights[[0, -1]] *= 0.5
+    places = 1.0 - jnp.arange(taps) * (sample_time / window)
+    index, steps = jnp.arange(taps), jnp.round(window / sample_time)
+    is_end = (index == 0) | (index == steps)
     if quadrature == "simpson":
-        weights = np.where(np.arange(taps) % 2, 4.0, 2.0) / (3.0 * steps)
-        weights[[0, -1]] = 1.0 / (3.0 * steps)
-    return jnp.asarray(weights * np.polynomial.polynomial.polyval(places, kernel))
+        weights = jnp.where(is_end, 1.0, jnp.where(index % 2 == 1, 4.0, 2.0)) / 3.0
+    else:
+        weights = jnp.where(is_end, 0.5, 1.0)
+    weights = jnp.where(index <= steps, weights / steps, 0.0)
+    return weights * _polynomial(kernel, places)
 
 
 def _product_weights(kernel: tuple[float, ...], step: Scalar, taps: int) -> Taps:
@@ -91,13 +103,13 @@ def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
     return total
 
 
-def convolve(response: Taps, signals: Float[Array, "time *channels"]) -> Float[Array, "time *channels"]:
-    """Return Σ_m c_m y(t − m T_s) for every sample, with zeros before the first.
+def convolve(responses: tuple[Taps, ...], signals: tuple[Float[Array, " time"], ...]) -> Float[Array, " time"]:
+    """Return Σᵢ Σ_m cᵢ_m yᵢ(t − m T_s) for every sample, with zeros before the first.
 
     By fast Fourier transform: O(log time) a sample, whatever the length of the window.
     """
-    samples = signals.shape[0]
-    length = 1 << (samples + response.shape[0] - 2).bit_length()
-    spectrum = jnp.fft.rfft(response, length)
-    spectrum = spectrum.reshape(-1, *(1,) * (signals.ndim - 1))
-    return jnp.fft.irfft(spectrum * jnp.fft.rfft(signals, length, axis=0), length, axis=0)[:samples]
+    samples, taps = signals[0].shape[0], responses[0].shape[0]
+    length = 1 << (samples + taps - 2).bit_length()
+    pairs = zip(responses, signals, strict=True)
+    spectrum = sum(jnp.fft.rfft(response, length) * jnp.fft.rfft(signal, length) for response, signal in pairs)
+    return jnp.fft.irfft(spectrum, length)[:samples]

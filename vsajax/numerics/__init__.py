@@ -1,6 +1,6 @@
 """Scalar mathematics that compiles to fast scan bodies: no LAPACK, no library call per lane."""
 
-from vsajax.numerics.functions import damped_response, logistic, safe_divide, smooth_sign
+from vsajax.numerics.functions import damped_response, logistic, safe_divide, safe_sqrt, smooth_sign
 from vsajax.numerics.rows import (
     Rows,
     combine_rows,
@@ -22,6 +22,7 @@ __all__ = [
     "quadratic_form",
     "rank_one_downdate",
     "safe_divide",
+    "safe_sqrt",
     "scaled_identity",
     "scaled_symmetric_part",
     "sin",

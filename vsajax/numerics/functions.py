@@ -14,6 +14,12 @@ def safe_divide(numerator: Value, denominator: Value) -> Value:
     return jnp.where(is_zero, 0.0, numerator / jnp.where(is_zero, 1.0, denominator))
 
 
+def safe_sqrt(x: Value) -> Value:
+    """Return √x for x > 0 and 0 elsewhere, with finite derivatives everywhere: 0 at 0."""
+    is_positive = x > 0.0
+    return jnp.where(is_positive, jnp.sqrt(jnp.where(is_positive, x, 1.0)), 0.0)
+
+
 def logistic(x: Value) -> Value:
     """Return 1 / (1 + eˣ), without overflow for any x."""
     return 0.5 - 0.5 * jnp.tanh(0.5 * x)

@@ -78,12 +78,29 @@ def test_product_rule_is_differentiable_in_a_real_window():
 @pytest.mark.oracle
 def test_fast_convolution_is_the_direct_sum():
     rng = np.random.default_rng(1)
-    taps, signals = rng.standard_normal(101), rng.standard_normal((500, 3))
-    direct = np.stack([np.convolve(signals[:, i], taps)[:500] for i in range(3)], axis=1)
-    np.testing.assert_allclose(windows.convolve(jnp.asarray(taps), jnp.asarray(signals)), direct, atol=1e-12)
+    taps, signals = rng.standard_normal((2, 101)), rng.standard_normal((2, 500))
+    direct = sum(np.convolve(signal, tap)[:500] for tap, signal in zip(taps, signals, strict=True))
+    both = windows.convolve(tuple(map(jnp.asarray, taps)), tuple(map(jnp.asarray, signals)))
+    np.testing.assert_allclose(both, direct, atol=1e-12)
 
 
-@pytest.mark.failure
-def test_simpson_needs_an_even_number_of_steps():
-    with pytest.raises(ValueError, match="even number of steps in the window; got 5"):
-        response(windows.FIRST, 0.005, 6, "simpson")
+@pytest.mark.analytic
+@pytest.mark.parametrize(
+    ("quadrature", "window", "span"),
+    [
+        ("product", 0.0073, 0.0073),
+        ("trapezoid", 0.0073, 0.007),
+        ("simpson", 0.0073, 0.006),
+        ("trapezoid", 0.3, 0.3),
+    ],
+)
+def test_rules_on_whole_samples_cover_those_within_the_window(quadrature, window, span):
+    assert windows.span_of(jnp.asarray(window), sample_time=1e-3, quadrature=quadrature) == pytest.approx(span)
+
+
+@pytest.mark.equivalence
+@pytest.mark.parametrize("quadrature", ["product", "trapezoid", "simpson"])
+def test_taps_beyond_the_window_weigh_nothing(quadrature):
+    exact, spare = (np.asarray(response(windows.SECOND, 0.02, taps, quadrature)) for taps in (21, 41))
+    np.testing.assert_allclose(spare[:21], exact, rtol=1e-13)
+    assert not spare[21:].any()

@@ -101,3 +101,10 @@ def test_smooth_sign_is_odd_and_saturates():
     velocity = jnp.linspace(-0.2, 0.2, 41)
     ours = numerics.smooth_sign(velocity, jnp.asarray(0.05))
     np.testing.assert_allclose(ours, np.tanh(np.asarray(velocity) / 0.05), rtol=8 * EPS, atol=EPS)
+
+
+def test_safe_sqrt_is_the_root_with_finite_derivatives():
+    x = jnp.array([-1.0, 0.0, 1e-300, 0.25, 9.0])
+    np.testing.assert_allclose(numerics.safe_sqrt(x), [0.0, 0.0, 1e-150, 0.5, 3.0], rtol=4 * EPS)
+    slopes = jax.vmap(jax.grad(numerics.safe_sqrt))(x)
+    np.testing.assert_allclose(slopes, [0.0, 0.0, 5e149, 1.0, 1.0 / 6.0], rtol=4 * EPS)

@@ -1,0 +1,93 @@
+"""The antagonistic joint through the lab: integration steps, tuning the window, both families side by side."""
+
+from __future__ import annotations
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, WINDOW, small_antagonistic
+from tuning.grid import Grid
+from tuning.problem import Problem, scenario_keys
+from tuning.study import load_study
+from tuning.tune import Search
+
+R2 = (
+    "excitation.motor1={type='sine', amplitude=3.0, frequency=0.5}",
+    "excitation.motor2={type='sine', amplitude=-3.0, frequency=0.7}",
+)
+
+
+def radau(offsets, amplitudes, time: np.ndarray) -> np.ndarray:
+    """Return q_L, q₁, q₂ of (1)–(3) with f = 10 φ³."""
+
+    def torque(t: float) -> list[float]:
+        return [o + a * np.sin(2 * np.pi * f * t) for o, a, f in zip(offsets, amplitudes, (0.5, 0.7), strict=True)]
+
+    def rates(t: float, x: np.ndarray) -> list[float]:
+        link, first, second, *v = x
+        f1, f2 = 10.0 * (link - first) ** 3, 10.0 * (link - second) ** 3
+        t1, t2 = torque(t)
+        pulls = (
+            (-0.0127 * v[0] - f1 - f2) / 0.0179,
+            (t1 - 1.27 * v[1] + f1) / 1e-4,
+            (t2 - 1.27 * v[2] + f2) / 1e-4,
+        )
+        return [*v, *pulls]
+
+    return solve_ivp(rates, (0.0, time[-1]), np.zeros(6), "Radau", time, rtol=1e-10, atol=1e-12).y[:3]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("settings", "offsets", "amplitudes"), [((), (2.5, -2.5), (1.5, 1.5)), (R2, (0.0, 0.0), (3.0, -3.0))]
+)
+def test_chosen_step_follows_radau_to_the_studys_tolerance(settings, offsets, amplitudes):
+    study = load_study(ANTAGONISTIC, [*settings, "sweep={}", "tune={}"])
+    motion = Problem(study).shared_truth.motion
+    found = np.stack([motion.link_position, motion.motor1_position, motion.motor2_position])
+    exact = radau(offsets, amplitudes, np.arange(10001) * 1e-3)
+    np.testing.assert_allclose(found, exact, rtol=0.0, atol=study.integration_tolerance)
+
+
+@pytest.mark.gradient
+def test_error_is_continuous_in_the_window():
+    problem = Problem(small_antagonistic(), (WINDOW,))
+    key, given = scenario_keys(problem.study, "train", 1)[0], problem.given
+
+    @jax.jit
+    def error(window: jax.Array) -> jax.Array:
+        return problem.scores({WINDOW: window}, key, given).mse_settled
+
+    # A whole number of samples: just above it one sample less lies a whole window after the start.
+    below, at, above = (float(error(jnp.asarray(0.3 + shift))) for shift in (-1e-9, 0.0, 1e-9))
+    assert below == pytest.approx(at, rel=1e-6)
+    assert above == pytest.approx(at, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.gradient
+def test_gradient_finds_the_window_from_both_sides():
+    study = load_study(ANTAGONISTIC, ["sweep={}", f"tune.parameters={{'{WINDOW}'={{low=0.05, high=2.0}}}}"])
+    windows = list(np.geomspace(0.05, 2.0, 40))
+    grid = Grid(Problem(study, (WINDOW,)), {WINDOW: windows}, study.scenarios.train)
+    best = grid.evaluate(grid.outer_points)["msrep_settled"].mean(axis=2).min()
+    tuner = Search(study, "gradient").tuner
+    for start in (0.08, 1.8):
+        assert tuner.run({WINDOW: start}).objective <= 1.05 * best
+
+
+@pytest.mark.cli
+def test_both_families_are_compared_scenario_by_scenario(vsajax, tmp_path):
+    words = ["--set", "clock.duration=2.5", "--scenarios", "6", "--json", "-q"]
+    ended = vsajax("compare", ANTAGONISTIC, RESIDUAL_PAIR, "-s", ANTAGONISTIC, "-o", tmp_path / "duel", *words)
+    assert (ended.code, ended.err) == (0, "")
+    first, second = json.loads(ended.out)["configs"]
+    assert first["scenarios"] == second["scenarios"] == 6
+    assert second["difference"] == pytest.approx(second["mean"] - first["mean"])
+    assert second["difference_low"] < second["difference"] < second["difference_high"]
+    assert second["wins"] in {i / 6 for i in range(7)}
