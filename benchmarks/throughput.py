@@ -20,7 +20,7 @@ import numpy as np  # noqa: E402
 
 from tuning.cli.options import table  # noqa: E402
 from tuning.grid import Grid  # noqa: E402
-from tuning.problem import Problem, scenario_keys  # noqa: E402
+from tuning.problem import Problem, draw_scenarios  # noqa: E402
 from tuning.resources import example_path  # noqa: E402
 from tuning.study import Study, load_study  # noqa: E402
 from vsajax import experiment, rollout  # noqa: E402
@@ -60,10 +60,11 @@ def bench_plant(study: Study, lanes: int) -> Row:
 
 def bench_estimator(study: Study, lanes: int) -> Row:
     """Time estimators with a filter variance of their own: nothing of the covariance is shared."""
-    problem, key = Problem(study), scenario_keys(study, "train", 1)[0]
+    problem = Problem(study)
+    drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, "train", 1))
 
     def estimator(variance: jax.Array, given: Any) -> jax.Array:
-        return problem.scores({"estimator.velocity.acceleration_variance": variance}, key, given).msrep
+        return problem.scores({"estimator.velocity.acceleration_variance": variance}, drawn, given).msrep
 
     program = jax.jit(lambda variances, given: rollout.map_lanes(estimator, variances, given))
     variances = jnp.geomspace(1e8, 1e10, lanes)
@@ -80,10 +81,10 @@ def bench_algebraic(window: float, lanes: int) -> Row:
         f"estimator.side.longest_window={window}",
     ]
     problem = Problem(load_study(example_path("antagonistic", "antagonistic"), settings))
-    keys = scenario_keys(problem.study, "train", lanes)
+    drawn = draw_scenarios(problem.study, "train", lanes)
     given = problem.given
-    record = jax.jit(jax.vmap(lambda key: problem.record(key, given)[1]))
-    recordings = jax.block_until_ready(record(keys))
+    record = jax.jit(jax.vmap(lambda scenario: problem.record(scenario, given)[1]))
+    recordings = jax.block_until_ready(record(drawn))
 
     def observer(recording: Any, given: Any) -> jax.Array:
         return experiment.estimate(given.bench.estimator, recording).stiffness[-1]

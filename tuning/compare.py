@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from tuning.errors import InputError, Mistake
 from tuning.grid import Grid
-from tuning.judging import Judgement, judge, mean_interval
+from tuning.judging import Judgement, judge, paired_interval
 from tuning.problem import Problem
 from tuning.progress import progress
 from tuning.store import open_run
@@ -25,7 +25,7 @@ class Contender:
     Args:
         name: its label.
         judgement: its own scores.
-        difference: mean of its objective minus the first configuration's, scenario by scenario [%].
+        difference: statistic of its objective minus the first configuration's, on the same scenarios [%].
         low: lower end of the difference's 95 % interval.
         high: upper end.
         wins: share of scenarios in which it is better than the first.
@@ -46,7 +46,7 @@ def contenders(configs: Mapping[str, Config], study: Study, place: str) -> dict[
         InputError: an estimator does not fit the study; every one that does not is named.
     """
     studies, mistakes = {}, []
-    base = resolved(study) | {"sweep": {}, "tune": {"objective": study.tune.objective}}
+    base = resolved(study) | {"sweep": {}, "tune": study.tune.model_dump(include={"objective", "statistic"})}
     for name, config in configs.items():
         if config.kind != study.kind:
             fix = f"compare it on a study of kind {config.kind!r}"
@@ -91,14 +91,13 @@ def _score(name: str, study: Study) -> dict[str, np.ndarray]:
 
 
 def _pair(names: Sequence[str], scores: Sequence[Mapping[str, np.ndarray]], study: Study) -> list[Contender]:
-    objective, seed = study.tune.objective, study.seed
-    reference = scores[0][objective]
+    tune, seed = study.tune, study.seed
+    reference = scores[0][tune.objective]
     found = []
     for name, score in zip(names, scores, strict=True):
-        both = np.isfinite(score[objective]) & np.isfinite(reference)
-        difference = (score[objective] - reference)[both]
-        low, high = mean_interval(difference, seed=seed)
-        mean = float(np.mean(difference)) if difference.size else float("nan")
-        wins = float(np.mean(difference < 0)) if difference.size else float("nan")
-        found.append(Contender(name, judge(score, objective, seed=seed), mean, low, high, wins))
+        both = np.isfinite(score[tune.objective]) & np.isfinite(reference)
+        first, own = reference[both], score[tune.objective][both]
+        difference = paired_interval(first, own, tune.statistic, seed=seed)
+        wins = float(np.mean(own < first)) if own.size else float("nan")
+        found.append(Contender(name, judge(score, tune, seed=seed), *difference, wins))
     return found

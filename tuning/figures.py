@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator
@@ -18,6 +19,8 @@ from tuning.logs import RecordingTable
 from tuning.single import Answer
 
 TRUTH, ESTIMATE, OTHER, QUIET = "#222222", "#0072b2", "#d55e00", "#bbbbbb"
+NEAR = 1.05
+"""Factor on the best score within which a configuration counts as near the best."""
 _MAP = "viridis_r"
 mpl.rcParams.update(
     {
@@ -50,6 +53,11 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **o
     return figure, figure.subplots(rows, columns, **options)
 
 
+def plain(text: str) -> str:
+    """Return text that is drawn as it is: no mathematics between dollar signs."""
+    return text.replace("$", r"\$")
+
+
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure and return its path."""
     from tuning.errors import input_error
@@ -77,7 +85,7 @@ def draw_recording(columns: Mapping[str, np.ndarray], *, title: str) -> Figure:
         axis.set_ylabel(_LABELS[name], fontsize=8)
     figure.align_ylabels()
     axes[-1, 0].set_xlabel("time [s]")
-    figure.suptitle(f"Recording: {title}")
+    figure.suptitle(f"Recording: {plain(title)}")
     return figure
 
 
@@ -96,7 +104,7 @@ def draw_estimate(answer: Answer, table: RecordingTable, *, title: str) -> Figur
     axes[2].set_ylabel("deflection\n[mrad]")
     axes[2].set_xlabel("time [s]")
     figure.align_ylabels()
-    figure.suptitle(f"Stiffness estimate: {title}")
+    figure.suptitle(f"Stiffness estimate: {plain(title)}")
     return figure
 
 
@@ -131,9 +139,20 @@ def _draw_stiffness(axis: Axes, columns: Mapping[str, np.ndarray], truth: np.nda
 
 
 def draw_sweep(
-    rows: Sequence[Mapping[str, float]], axes_values: Mapping[str, Sequence[float]], objective: str
+    rows: Sequence[Mapping[str, float]],
+    axes_values: Mapping[str, Sequence[float]],
+    objective: str,
+    *,
+    pair: tuple[str, str] | None = None,
 ) -> Figure:
-    """Draw the mean objective over every pair of axes, minimised over the others; over one axis, as a curve."""
+    """Draw the mean objective over every pair of axes, minimised over the others; over one axis, as a curve.
+
+    Args:
+        rows: the configurations with their means.
+        axes_values: the axes by path.
+        objective: what was averaged.
+        pair: draw only this pair of axes.
+    """
     paths = list(axes_values)
     shape = [len(axes_values[path]) for path in paths]
     means = np.full(int(np.prod(shape)), np.nan)
@@ -144,6 +163,8 @@ def draw_sweep(
     if len(wide) < 2:
         return _draw_curve(cube, paths, axes_values, wide, objective)
     pairs = [(a, b) for n, a in enumerate(wide) for b in wide[n + 1 :]]
+    if pair is not None:
+        pairs = [(paths.index(pair[0]), paths.index(pair[1]))]
     figure, axes = new_figure(4.3 * len(pairs), 3.7, 1, len(pairs), squeeze=False)
     finite = cube[np.isfinite(cube)] if np.isfinite(cube).any() else np.ones(1)
     norm = LogNorm(finite.min(), max(np.quantile(finite, 0.95), 1.001 * finite.min()))
@@ -156,6 +177,7 @@ def draw_sweep(
         if np.isfinite(plane).any():
             best = np.unravel_index(np.nanargmin(plane), plane.shape)
             axis.plot(best[1] + 0.5, best[0] + 0.5, "*", color="white", markersize=11, markeredgecolor="black")
+            _outline(axis, plane <= NEAR * np.nanmin(plane))
         axis.set_xticks(np.arange(len(x)) + 0.5, [f"{value:.2g}" for value in x], rotation=60, fontsize=8)
         axis.set_yticks(np.arange(len(y)) + 0.5, [f"{value:.2g}" for value in y], fontsize=8)
         axis.set_xlabel(paths[b])
@@ -167,8 +189,18 @@ def draw_sweep(
     bar.ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     bar.ax.yaxis.set_minor_formatter(FormatStrFormatter("%g"))
     bar.set_label(f"mean {_OBJECTIVES[objective]},\nbest over other axes")
-    figure.suptitle("Sweep: star marks the best configuration")
+    figure.suptitle(f"Star: best configuration; outline: within {100 * (NEAR - 1):.0f} % of it")
     return figure
+
+
+def _outline(axis: Axes, inside: np.ndarray) -> None:
+    """Outline cells of a heat map whose cells are of size 1."""
+    framed = np.pad(inside, 1)
+    # An edge lies wherever a cell and the one before it are not both inside or both outside.
+    across = [((x, y), (x, y + 1)) for y, x in np.argwhere(framed[1:-1, 1:] != framed[1:-1, :-1])]
+    along = [((x, y), (x + 1, y)) for y, x in np.argwhere(framed[1:, 1:-1] != framed[:-1, 1:-1])]
+    for colour, width in (("white", 3.2), ("black", 1.4)):
+        axis.add_collection(LineCollection([*across, *along], colors=colour, linewidths=width, capstyle="round"))
 
 
 def _draw_curve(
@@ -199,10 +231,12 @@ def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
         colour = colours[i % len(colours)]
         finite = np.sort(values[np.isfinite(values)])
         if not finite.size:
-            axis.plot([], [], color=colour, label=f"{label}: every scenario diverged")
+            axis.plot([], [], color=colour, label=f"{plain(label)}: every scenario diverged")
             continue
         share = (np.arange(finite.size) + 1) / finite.size
-        axis.step(finite, 100 * share, where="post", color=colour, label=f"{label}: mean {finite.mean():.3g} %")
+        axis.step(
+            finite, 100 * share, where="post", color=colour, label=f"{plain(label)}: mean {finite.mean():.3g} %"
+        )
         axis.axvline(finite.mean(), color=colour, linestyle=":", linewidth=1)
     axis.set_xscale("log")
     low, high = axis.get_xlim()

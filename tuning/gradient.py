@@ -10,9 +10,9 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float
 
-from tuning.problem import Problem
+from tuning.problem import Problem, Scenario
 from tuning.space import Space, Vector
 
 Algorithm = Literal["levenberg-marquardt", "bfgs"]
@@ -25,7 +25,7 @@ class Outcome:
     Args:
         start: the numbers it started from.
         values: the numbers it ended at.
-        objective: mean training objective there [%].
+        objective: statistic of the training objective there [%].
         steps: of the optimiser.
         message: "converged", "step limit", or what the optimiser says.
     """
@@ -39,30 +39,34 @@ class Outcome:
 
 @dataclass(frozen=True)
 class GradientTuner:
-    """Minimises the mean of the study's objective over some scenarios.
+    """Minimises a statistic of the study's objective over some scenarios.
 
     Args:
         problem: what is tuned.
         space: over which numbers.
-        keys: the training scenarios.
+        scenarios: `(scenario,)`, to train on.
         algorithm: Levenberg–Marquardt on the vector of relative errors, or BFGS on its square.
         max_steps: of the optimiser, per start.
     """
 
     problem: Problem
     space: Space
-    keys: Key[Array, " scenario"]
+    scenarios: Scenario
     algorithm: Algorithm = "levenberg-marquardt"
     max_steps: int = 60
 
     def residuals(self, z: Vector, given: Any) -> Float[Array, " residual"]:
-        """Return the vector whose squared norm is the mean objective over the scenarios [√%]."""
+        """Return the vector whose squared norm is the objective's statistic over the scenarios [√%]."""
         values = self.space.constrain(z)
-        each = jax.vmap(lambda key: self.problem.residuals(values, key, given))(self.keys)
-        return each.reshape(-1) / jnp.sqrt(self.keys.shape[0])
+        each = jax.vmap(lambda scenario: self.problem.residuals(values, scenario, given))(self.scenarios)
+        # The statistic is a weighted sum of the scenarios' scores whose weights follow from their order alone.
+        scores = jax.lax.stop_gradient(jnp.sum(each**2, axis=1))
+        ranks = jnp.argsort(jnp.argsort(scores))
+        weights = jnp.asarray(self.problem.study.tune.statistic.ranked_weights(scores.size))[ranks]
+        return (jnp.sqrt(weights)[:, None] * each).reshape(-1)
 
     def objective(self, z: Vector, given: Any) -> Float[Array, ""]:
-        """Return the mean objective over the scenarios [%]."""
+        """Return the objective's statistic over the scenarios [%]."""
         residuals = self.residuals(z, given)
         return residuals @ residuals
 

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.problem import Problem, Stream, scenario_keys
+from tuning.problem import Problem, Scenario, Stream, draw_scenarios
 from vsajax import Scores, rollout
 
 _TORQUE_ONLY = re.compile(
@@ -37,23 +37,23 @@ def is_torque_only(path: str) -> bool:
 def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
     """Return the jitted (lanes, (inner values, given)) -> scores `(lane, *inner axes, scenario)`.
 
-    A lane is the values of the `outer` paths and its scenarios' keys; `inner` paths, which must be torque-only,
+    A lane is the values of the `outer` paths and its scenarios; `inner` paths, which must be torque-only,
     are nested inside it. `width` is the number of evaluations in a lane.
     """
 
-    def point(lane: tuple[jax.Array, jax.Array], common: tuple[tuple[jax.Array, ...], Any]) -> Scores:
-        values, keys = lane
+    def point(lane: tuple[jax.Array, Scenario], common: tuple[tuple[jax.Array, ...], Any]) -> Scores:
+        values, scenarios = lane
         inner_values, given = common
         fixed = {path: values[i] for i, path in enumerate(outer)}
 
-        def score(chosen: tuple[jax.Array, ...], key: jax.Array) -> Scores:
-            return problem.scores(fixed | dict(zip(inner, chosen, strict=True)), key, given)
+        def score(chosen: tuple[jax.Array, ...], scenario: Scenario) -> Scores:
+            return problem.scores(fixed | dict(zip(inner, chosen, strict=True)), scenario, given)
 
         run = jax.vmap(score, in_axes=(None, 0))
         for axis in reversed(range(len(inner))):
             chosen_axes = tuple(0 if i == axis else None for i in range(len(inner)))
             run = jax.vmap(run, in_axes=(chosen_axes, None))
-        return run(inner_values, keys)
+        return run(inner_values, scenarios)
 
     return jax.jit(partial(rollout.map_lanes, point, chunk=max(1, _WIDTH // width)))
 
@@ -129,12 +129,9 @@ class Grid:
 
     def arguments(self, points: np.ndarray) -> tuple[Any, Any]:
         """Return the program's arguments for some outer points."""
-        keys = scenario_keys(self.problem.study, self.stream, self.scenarios)
-        blocks = keys.reshape(self._split, -1)
-        lanes = (
-            jnp.repeat(jnp.asarray(points), self._split, axis=0),
-            jnp.tile(blocks, (len(points), 1)),
-        )
+        scenarios = draw_scenarios(self.problem.study, self.stream, self.scenarios)
+        blocks = jax.tree.map(lambda x: jnp.tile(x.reshape(self._split, -1), (len(points), 1)), scenarios)
+        lanes = (jnp.repeat(jnp.asarray(points), self._split, axis=0), blocks)
         inner = tuple(jnp.asarray(self.axes[path], float) for path in self.inner)
         return lanes, (inner, self.problem.given)
 

@@ -1,4 +1,4 @@
-"""What can be said of scores over scenarios: means with intervals, and paired differences."""
+"""What can be said of scores over scenarios: statistics with intervals, and paired differences."""
 
 from __future__ import annotations
 
@@ -8,17 +8,22 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy import stats
 
+from tuning.statistic import Statistic
+from tuning.study import Tune
+
 _RESAMPLES = 5000
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """An objective over scenarios, with a 95 % bootstrap interval of its mean [%].
+    """An objective over scenarios [%].
 
     Args:
-        mean: of the objective over the scenarios.
-        low: lower end of the interval.
+        statistic: what the search sums the scenarios up by: its name.
+        value: that statistic of the objective over the scenarios.
+        low: lower end of its 95 % bootstrap interval.
         high: upper end.
+        mean: of the objective over the scenarios.
         median: over the scenarios.
         q90: 90 % quantile.
         msrep_mean: mean of the printed index.
@@ -29,9 +34,11 @@ class Judgement:
         each: the objective in every scenario [%].
     """
 
-    mean: float
+    statistic: str
+    value: float
     low: float
     high: float
+    mean: float
     median: float
     q90: float
     msrep_mean: float
@@ -46,17 +53,19 @@ class Judgement:
         return {name: value for name, value in asdict(self).items() if name != "each"}
 
 
-def judge(scores: Mapping[str, np.ndarray], objective: str, *, seed: int) -> Judgement:
-    """Judge `(scenario,)` scores by one of them; `seed` draws the bootstrap."""
+def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgement:
+    """Judge `(scenario,)` scores by a study's objective and statistic; `seed` draws the bootstrap."""
     is_finite = scores["diverged"] == 0
     # Where none is left, the numbers are those of the diverged scenarios: NaN.
     kept = is_finite if is_finite.any() else ~is_finite
-    values = scores[objective][kept]
-    low, high = mean_interval(values, seed=seed)
+    values = scores[tune.objective][kept]
+    low, high = interval(values, tune.statistic, seed=seed)
     return Judgement(
-        mean=float(np.mean(values)),
+        statistic=tune.statistic.label,
+        value=float(tune.statistic.of(values)),
         low=low,
         high=high,
+        mean=float(np.mean(values)),
         median=float(np.median(values)),
         q90=float(np.quantile(values, 0.9)),
         msrep_mean=float(np.mean(scores["msrep"][kept])),
@@ -64,14 +73,45 @@ def judge(scores: Mapping[str, np.ndarray], objective: str, *, seed: int) -> Jud
         convergence_time=float(np.median(scores["convergence_time"][kept])),
         diverged=int(np.sum(~is_finite)),
         scenarios=values.size + int(np.sum(~kept)),
-        each=scores[objective],
+        each=scores[tune.objective],
     )
 
 
-def mean_interval(values: np.ndarray, *, seed: int) -> tuple[float, float]:
-    """Return the 95 % bootstrap interval (BCa) of a mean; NaN where the values do not scatter."""
+def interval(values: np.ndarray, statistic: Statistic, *, seed: int) -> tuple[float, float]:
+    """Return the 95 % bootstrap interval of a statistic; NaN where the values do not scatter.
+
+    BCa for a mean; percentile for quantiles and tails, whose jackknife has no limit.
+    """
     if values.size < 2 or not np.ptp(values) > 0:
         return float("nan"), float("nan")
-    rng = np.random.default_rng(seed)
-    interval = stats.bootstrap((values,), np.mean, n_resamples=_RESAMPLES, rng=rng).confidence_interval
-    return float(interval.low), float(interval.high)
+    rng, method = np.random.default_rng(seed), "BCa" if statistic.kind == "mean" else "percentile"
+    found = stats.bootstrap((values,), statistic.of, n_resamples=_RESAMPLES, method=method, rng=rng)
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
+
+
+def paired_interval(
+    first: np.ndarray, second: np.ndarray, statistic: Statistic, *, seed: int
+) -> tuple[float, float, float]:
+    """Return the statistic of `second` minus that of `first`, and its paired 95 % bootstrap interval."""
+
+    def difference(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+        return statistic.of(b, axis) - statistic.of(a, axis)
+
+    if not first.size:
+        return float("nan"), float("nan"), float("nan")
+    value = float(difference(first, second))
+    if first.size < 2 or not np.ptp(second - first) > 0:
+        return value, float("nan"), float("nan")
+    found = stats.bootstrap(
+        (first, second),
+        difference,
+        paired=True,
+        vectorized=True,
+        n_resamples=_RESAMPLES,
+        method="percentile",
+        rng=np.random.default_rng(seed),
+    )
+    return value, float(found.confidence_interval.low), float(found.confidence_interval.high)
+
+
+MEAN = Statistic()

@@ -1,7 +1,8 @@
-"""A study made computable: the score of the bench at any values of its numbers, for any noise draw."""
+"""A study made computable: the score of the bench at any values of its numbers, in any scenario."""
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,20 +14,84 @@ from jaxtyping import Array, Float, Key
 
 from tuning.build import build_bench, with_leaves
 from tuning.integration import check_substeps, choose_substeps, motion_of
-from tuning.study import Study
-from vsajax import Bench, Scores, Truth, experiment
+from tuning.study import Study, numeric_paths
+from vsajax import Bench, Scores, Truth, experiment, plants
 
-Stream = Literal["train", "held_out"]
+Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
 
-_STREAMS: dict[Stream, int] = {"train": 0, "held_out": 1}
+_STREAMS: dict[Stream, int] = {"train": 0, "held_out": 1, "population": 2, "sensitivity": 3}
 _CLOCK, _NOISE = 0, 1
+_PROBED = 256
 
 
-def scenario_keys(study: Study, stream: Stream, count: int) -> Key[Array, " scenario"]:
-    """Return one key a scenario: the i-th is the same however many are drawn."""
-    base = jax.random.fold_in(jax.random.key(study.seed), _STREAMS[stream])
-    return jax.vmap(lambda i: jax.random.fold_in(base, i))(jnp.arange(count))
+class Scenario(NamedTuple):
+    """What tells one scenario from another, or `(scenario,)` of them.
+
+    Args:
+        key: of the clock's jitter and the sensors' noise.
+        numbers: the population's numbers by path.
+    """
+
+    key: Key[Array, "..."]
+    numbers: dict[str, Float[Array, "..."]]
+
+
+class Status(enum.IntEnum):
+    """How a scenario ended: only the scores of an `OK` one count."""
+
+    OK = 0
+    MOTION_DIVERGED = 1
+    STEP_TOO_COARSE = 2
+    ESTIMATE_DIVERGED = 3
+
+    @property
+    def reason(self) -> str:
+        """What happened, for people."""
+        return _REASONS[self]
+
+
+_REASONS = {
+    Status.OK: "scored",
+    Status.MOTION_DIVERGED: "the simulated motion is not finite",
+    Status.STEP_TOO_COARSE: "the joint is too stiff for the study's integration steps: set `substeps`",
+    Status.ESTIMATE_DIVERGED: "an estimate is not finite",
+}
+_COARSE = 0.25
+"""ω h from which a motion counts as under-resolved: its oscillations' frequency is off by (ω h)²/24, 0.3 %."""
+
+
+class Outcome(NamedTuple):
+    """A scenario's scores, and whether they count.
+
+    Args:
+        scores: its scores.
+        status: a `Status`.
+    """
+
+    scores: Scores
+    status: Float[Array, "..."]
+
+
+def stream_key(study: Study, stream: Stream) -> Key[Array, ""]:
+    """Return the key from which a stream's scenarios are drawn."""
+    return jax.random.fold_in(jax.random.key(study.seed), _STREAMS[stream])
+
+
+def draw_scenarios(study: Study, stream: Stream, count: int, start: int = 0) -> Scenario:
+    """Return the scenarios `start`, `start` + 1, …: each is the same however many are drawn.
+
+    Args:
+        study: its seed and population.
+        stream: scenarios of one stream are independent of those of the others.
+        count: how many.
+        start: number of the first.
+    """
+    base = stream_key(study, stream)
+    keys = jax.vmap(lambda i: jax.random.fold_in(base, i))(jnp.arange(start, start + count))
+    shares = study.population.shares((study.seed, _STREAMS[stream]), start, count)
+    numbers = study.population.values(shares, numeric_paths(study))
+    return Scenario(keys, {path: jnp.asarray(values) for path, values in numbers.items()})
 
 
 class Given(NamedTuple):
@@ -43,12 +108,12 @@ class Given(NamedTuple):
 
 @dataclass(frozen=True)
 class Problem:
-    """A study's bench, and its scores as pure functions of varied numbers and scenario keys.
+    """A study's bench, and its scores as pure functions of varied numbers and scenarios.
 
     Args:
         study: the study.
-        varied: dotted paths of the numbers that will vary. Where none of them belongs to the joint, the
-            excitation or an irregular clock, the motion is simulated once and shared.
+        varied: dotted paths of the numbers that will vary, beside the population's. Where none of either belongs
+            to the joint, the excitation or an irregular clock, the motion is simulated once and shared.
     """
 
     study: Study
@@ -67,7 +132,8 @@ class Problem:
     @property
     def shares_motion(self) -> bool:
         """Whether every scenario and value sees the same motion."""
-        moves = any(path.startswith(("joint.", "excitation.")) for path in self.varied)
+        varied = (*self.varied, *self.study.population.paths)
+        moves = any(path.startswith(("joint.", "excitation.")) for path in varied)
         return not moves and self.bench.clock.jitter_std is None
 
     @cached_property
@@ -76,9 +142,22 @@ class Problem:
         study = self.study
         sample_time, tolerance = study.clock.sample_time, study.integration_tolerance
         if study.substeps is None:
-            return choose_substeps(self.bench, sample_time, tolerance)
+            return max(choose_substeps(bench, sample_time, tolerance) for bench in self._demanding())
         check_substeps(self.bench, sample_time, study.substeps, tolerance)
         return study.substeps
+
+    def _demanding(self) -> list[Bench]:
+        """Return the bench, and beside it the one of some of the population with the fastest joint at rest."""
+        if not any(path.startswith("joint.") for path in self.study.population.paths):
+            return [self.bench]
+        numbers = draw_scenarios(self.study, "population", _PROBED).numbers
+
+        def rate(values: Values) -> Float[Array, ""]:
+            joint = with_leaves(self.bench, values).joint
+            return joint.fastest_rate(joint.observe(joint.rest(), plants.Torques.none()).stiffness)
+
+        fastest = int(jnp.argmax(jax.vmap(rate)(numbers)))
+        return [self.bench, with_leaves(self.bench, {path: values[fastest] for path, values in numbers.items()})]
 
     @cached_property
     def shared_truth(self) -> Truth | None:
@@ -94,23 +173,41 @@ class Problem:
         """What `record`, `scores` and `residuals` are given."""
         return Given(self.bench, self.shared_truth)
 
-    def record(self, key: Key[Array, ""], given: Given) -> tuple[Truth, experiment.Recording]:
-        """Return the motion and its recording in the scenario of `key`."""
-        truth = given.truth
-        if truth is None:
-            truth = experiment.simulate(given.bench, key=jax.random.fold_in(key, _CLOCK), substeps=self.substeps)
-        return truth, experiment.measure(given.bench, truth, key=jax.random.fold_in(key, _NOISE))
+    def record(self, scenario: Scenario, given: Given) -> tuple[Truth, experiment.Recording]:
+        """Return the motion and its recording in a scenario."""
+        return self._record(with_leaves(given.bench, scenario.numbers), scenario.key, given.truth)
 
-    def scores(self, values: Values, key: Key[Array, ""], given: Given) -> Scores:
-        """Return the scores at `values` in the scenario of `key`."""
-        bench = with_leaves(given.bench, values)
-        truth, recording = self.record(key, given._replace(bench=bench))
+    def _record(
+        self, bench: Bench, key: Key[Array, ""], shared: Truth | None
+    ) -> tuple[Truth, experiment.Recording]:
+        truth = shared
+        if truth is None:
+            truth = experiment.simulate(bench, key=jax.random.fold_in(key, _CLOCK), substeps=self.substeps)
+        return truth, experiment.measure(bench, truth, key=jax.random.fold_in(key, _NOISE))
+
+    def scores(self, values: Values, scenario: Scenario, given: Given) -> Scores:
+        """Return the scores at `values` in a scenario."""
+        bench = with_leaves(given.bench, {**scenario.numbers, **values})
+        truth, recording = self._record(bench, scenario.key, given.truth)
         return experiment.score(bench.estimator, recording, truth.motion.stiffness, scorer=bench.scorer)
 
-    def residuals(self, values: Values, key: Key[Array, ""], given: Given) -> Float[Array, " time"]:
+    def outcome(self, values: Values, scenario: Scenario, given: Given) -> Outcome:
+        """Return the scores at `values` in a scenario, and whether they count."""
+        bench = with_leaves(given.bench, {**scenario.numbers, **values})
+        truth, recording = self._record(bench, scenario.key, given.truth)
+        stiffness = truth.motion.stiffness
+        scores = experiment.score(bench.estimator, recording, stiffness, scorer=bench.scorer)
+        step = self.study.clock.sample_time / self.substeps
+        is_finite = jnp.all(jnp.isfinite(stiffness)) & jnp.all(jnp.isfinite(truth.motion.link_position))
+        is_coarse = jnp.max(bench.joint.fastest_rate(stiffness)) * step > _COARSE
+        status = jnp.where(scores.diverged > 0, Status.ESTIMATE_DIVERGED, Status.OK)
+        status = jnp.where(is_coarse, Status.STEP_TOO_COARSE, status)
+        return Outcome(scores, jnp.where(is_finite, status, Status.MOTION_DIVERGED))
+
+    def residuals(self, values: Values, scenario: Scenario, given: Given) -> Float[Array, " time"]:
         """Return the vector whose squared norm is the scenario's objective [√%]."""
-        bench = with_leaves(given.bench, values)
-        truth, recording = self.record(key, given._replace(bench=bench))
+        bench = with_leaves(given.bench, {**scenario.numbers, **values})
+        truth, recording = self._record(bench, scenario.key, given.truth)
         return experiment.residuals(
             bench.estimator,
             recording,

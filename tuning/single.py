@@ -14,8 +14,8 @@ import numpy as np
 from tuning.build import build, build_estimator
 from tuning.errors import input_error
 from tuning.logs import RecordingTable
-from tuning.problem import Problem, scenario_keys
-from tuning.study import Config, Study
+from tuning.problem import Problem, Stream, draw_scenarios
+from tuning.study import Config, Study, with_numbers
 from vsajax import Estimate, Recording, experiment
 from vsajax.estimators import AbstractEstimator, AntagonisticPair
 
@@ -23,19 +23,31 @@ _PRIOR_LIMITS = 0.02
 """Change of the stiffness under a ten times weaker prior that is worth a warning."""
 
 
+def member(study: Study, scenario: int) -> Study:
+    """Return one robot of a study's population, as a study without one."""
+    drawn = draw_scenarios(study, replay_stream(study), 1, scenario).numbers
+    alone = study.model_copy(update={"population": type(study.population)()})
+    return with_numbers(alone, {path: float(value[0]) for path, value in drawn.items()}, f"scenario {scenario}")
+
+
+def replay_stream(study: Study) -> Stream:
+    """Return the stream whose scenarios `simulate` replays: those of `montecarlo` where there is a population."""
+    return "population" if study.population.paths else "train"
+
+
 def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
     """Return the columns of a simulated recording with its truth, and the integration steps a sample.
 
     Args:
         study: what is simulated.
-        scenario: number of the noise draw in the training stream.
+        scenario: number of the robot in the population, or of the noise draw in the training stream.
 
     Raises:
         InputError: the motion is not finite.
     """
     problem = Problem(study)
-    key = scenario_keys(study, "train", scenario + 1)[scenario]
-    truth, recording = problem.record(key, problem.given)
+    drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
+    truth, recording = problem.record(drawn, problem.given)
     signals = {name: value for name, value in recording._asdict().items() if value is not None}
     signals |= {
         "true_stiffness": truth.motion.stiffness,
@@ -89,10 +101,12 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
         truth = jnp.asarray(table.columns["true_stiffness"])
         scores = jax.jit(experiment.score_estimate)(recording.time, truth, answer, scorer=scorer)
         summary["scores"] = {name: float(value) for name, value in scores._asdict().items()}
+        since = summary["scores"]["convergence_time"]
+        share = f"within {100 * config.scorer.tolerance:g} %"
+        reached = f"{share} after {since:.3g} s" if math.isfinite(since) else f"not {share} at the end"
         sentences.append(
             f"against the truth: MSREP {summary['scores']['msrep']:.4g} %, "
-            f"from {config.scorer.warm_up:g} s on {summary['scores']['msrep_settled']:.4g} %; "
-            f"within {100 * config.scorer.tolerance:g} % after {summary['scores']['convergence_time']:.3g} s"
+            f"from {config.scorer.warm_up:g} s on {summary['scores']['msrep_settled']:.4g} %; {reached}"
         )
     return Answer(columns, summary, sentences)
 

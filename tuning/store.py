@@ -7,10 +7,12 @@ RUN/results.parquet       all chunks in order
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import platform
-from collections.abc import Iterator, Mapping
+import uuid
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -21,10 +23,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tuning.errors import input_error
-from tuning.log_files import write_table
 from tuning.study import Study, resolved, study_hash
 
 _IDENTITY = ("command", "study_hash", "plan")
+_STRAYS = ".manifest.json.*.tmp"
+"""What a kill leaves of a manifest that was not yet in place."""
+_ROWS_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -45,18 +49,40 @@ class RunStore:
         return list(self.manifest["chunks"])
 
     def pending(self) -> Iterator[str]:
-        """Yield the ids of the chunks that are not finished, in order."""
-        return (chunk for chunk in self.chunks if not self._place(chunk).exists())
+        """Yield the ids of the chunks that are not finished, in order.
+
+        A chunk that cannot be read, for the machine went down before it was on the disk, is not.
+        """
+        return (chunk for chunk in self.chunks if not _is_whole(self._place(chunk)))
 
     def write_chunk(self, chunk: str, columns: Mapping[str, np.ndarray]) -> None:
-        """Keep a finished chunk."""
-        write_table(self._place(chunk), columns)
+        """Keep a finished chunk.
 
-    def finish(self) -> pa.Table:
-        """Join all chunks into `results.parquet` and return them."""
-        table = pa.concat_tables(pq.read_table(self._place(chunk)) for chunk in self.chunks)
-        write_table(self.folder / "results.parquet", {n: table[n].to_numpy() for n in table.column_names})
-        return table
+        Raises:
+            InputError: it cannot be written, e.g. as the disk is full; the chunk stays pending.
+        """
+        _write_tables(self._place(chunk), [pa.table({name: np.asarray(v) for name, v in columns.items()})])
+
+    def finish(self) -> Path:
+        """Join all chunks into `results.parquet`, holding few of them at a time, and return where it is.
+
+        Raises:
+            InputError: it cannot be written, or a chunk has become unreadable.
+        """
+        path = self.folder / "results.parquet"
+        _write_tables(path, self._tables())
+        return path
+
+    def _tables(self) -> Iterator[pa.Table]:
+        """Yield all rows in order, cut in the same places however the chunks came about."""
+        held: list[pa.Table] = []
+        for chunk in self.chunks:
+            held.append(read_table(self._place(chunk)))
+            if sum(table.num_rows for table in held) >= _ROWS_AT_ONCE:
+                yield pa.concat_tables(held)
+                held = []
+        if held:
+            yield pa.concat_tables(held)
 
     def _place(self, chunk: str) -> Path:
         return self.folder / "chunks" / f"{chunk}.parquet"
@@ -91,7 +117,7 @@ def open_run(
         if not resume:
             raise input_error(folder, "holds this run already", "go on with --resume, or name a new folder")
         return RunStore(folder, held)
-    if folder.exists() and any(folder.iterdir()):
+    if folder.exists() and any(not held.match(_STRAYS) for held in folder.iterdir()):
         raise input_error(folder, "is not empty and holds no run", "name a new or empty folder with -o")
     manifest = identity | {
         "seed": study.seed,
@@ -100,6 +126,8 @@ def open_run(
         "versions": versions(),
     }
     write_text(path, json.dumps(manifest, indent=2) + "\n")
+    for stray in folder.glob(_STRAYS):
+        stray.unlink(missing_ok=True)
     return RunStore(folder, manifest)
 
 
@@ -108,6 +136,47 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise input_error(path, f"cannot be read as a manifest ({error})", "name a new folder with -o") from None
+
+
+def read_table(path: Path) -> pa.Table:
+    """Return a Parquet file that a run has written.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        with pq.ParquetFile(path) as file:
+            return file.read()
+    except (OSError, pa.ArrowException) as error:
+        raise input_error(path, f"cannot be read ({error})", "--resume computes it again") from None
+
+
+def _is_whole(path: Path) -> bool:
+    try:
+        read_table(path)
+    except ValueError:
+        return False
+    return True
+
+
+def _write_tables(path: Path, tables: Iterable[pa.Table]) -> None:
+    """Write tables of one schema, one after another, to a Parquet file: whole or not at all."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            rest = iter(tables)
+            first = next(rest)
+            with pq.ParquetWriter(beside, first.schema) as writer:
+                for table in itertools.chain([first], rest):
+                    writer.write_table(table)
+            _put_in_place(beside, path)
+        finally:
+            beside.unlink(missing_ok=True)
+    except OSError as error:
+        # pyarrow words the reason in its own way.
+        problem = f"cannot be written ({os.strerror(error.errno) if error.errno else error})"
+        raise input_error(path, problem, "make room there, then go on with --resume") from None
 
 
 def write_text(path: Path, text: str) -> None:
@@ -121,11 +190,18 @@ def write_text(path: Path, text: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             beside.write_text(text, encoding="utf-8")
-            os.replace(beside, path)
+            _put_in_place(beside, path)
         finally:
             beside.unlink(missing_ok=True)
     except OSError as error:
         raise input_error(path, f"cannot be written ({error.strerror})", "check the folder and the disk") from None
+
+
+def _put_in_place(beside: Path, path: Path) -> None:
+    """Rename a file once it is on the disk: a machine that goes down must not leave a name without contents."""
+    with beside.open("rb") as written:
+        os.fsync(written.fileno())
+    os.replace(beside, path)
 
 
 def versions() -> dict[str, str]:

@@ -6,6 +6,7 @@ Nothing here imports jax: `vsajax check` answers at once. A tuned configuration 
 
 from __future__ import annotations
 
+import copy
 import difflib
 import hashlib
 import json
@@ -23,8 +24,11 @@ from tuning.parts.base import AtLeastOne, Part, Positive
 from tuning.parts.bench import Clock, Excitation, Scorer, Sensing
 from tuning.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
+from tuning.population import Population
 from tuning.resources import preset_path
 from tuning.schema import Table, read_toml, validate
+from tuning.statistic import Statistic
+from tuning.structures import Chosen, blame, check_choices, combinations, settings_of
 
 SCHEMA_VERSION = 1
 
@@ -60,15 +64,18 @@ class Sweep(Table):
 class Tune(Table):
     """What `vsajax tune` varies, and how it looks for the best.
 
-    The objective is the mean over the training scenarios of the printed index `msrep`, which the first
-    milliseconds decide, or of `msrep_settled`, which counts from the scorer's warm-up time on.
+    What is minimised is a statistic over the training scenarios, by default the mean, of the printed index
+    `msrep`, which the first milliseconds decide, or of `msrep_settled`, from the scorer's warm-up time on.
+    What is no number is chosen: `choices` has a table of settings by dotted path for every option of a choice.
     """
 
     objective: Literal["msrep", "msrep_settled"] = "msrep"
+    statistic: Statistic = Statistic()
     starts: AtLeastOne = 4
     screen: Annotated[int, Field(ge=0)] = 64
     max_steps: AtLeastOne = 60
     parameters: dict[str, Bounds] = Field(default_factory=dict)
+    choices: dict[str, dict[str, dict[str, Any]]] = Field(default_factory=dict)
 
 
 class Study(Config):
@@ -80,6 +87,7 @@ class Study(Config):
     clock: Clock
     integration_tolerance: Positive = 1e-7
     substeps: AtLeastOne | None = None
+    population: Population = Population()
     scenarios: Scenarios = Scenarios()
     sweep: Sweep = Sweep()
     tune: Tune = Tune()
@@ -189,6 +197,39 @@ def with_numbers(config: Config, values: Mapping[str, float], place: str) -> Stu
     return parse_study(tables, place)
 
 
+def structures(study: Study, place: str) -> list[tuple[Chosen, Study]]:
+    """Return the study of every combination of a study's choices, with the parameters and axes that exist there.
+
+    Raises:
+        InputError: lists every mistake, each once, with the option that makes it.
+    """
+    choices, found, mistakes = study.tune.choices, [], {}
+    for chosen in combinations(choices):
+        try:
+            found.append((chosen, _structure(study, chosen)))
+        except InputError as error:
+            for mistake in error.mistakes:
+                mistake = Mistake(mistake.place.removeprefix(": "), mistake.problem, mistake.fix)
+                mistakes.setdefault(mistake, blame(mistake, choices, chosen, place))
+    if mistakes:
+        raise InputError(*dict.fromkeys(mistakes.values()))
+    return found
+
+
+def _structure(study: Study, chosen: Chosen) -> Study:
+    tables = resolved(study)
+    for path, value in settings_of(study.tune.choices, chosen).items():
+        try:
+            _put(tables, path.split("."), copy.deepcopy(value))
+        except TypeError:
+            raise input_error(path, "leads through a value that is not a table") from None
+    tune, sweep = tables["tune"] | {"choices": {}}, tables["sweep"]
+    numbers = numeric_paths(parse_study(tables | {"tune": tune | {"parameters": {}}, "sweep": {}}, ""))
+    tune["parameters"] = {path: bounds for path, bounds in tune["parameters"].items() if path in numbers}
+    sweep["grid"] = {path: axis for path, axis in sweep["grid"].items() if path in numbers}
+    return parse_study(tables | {"tune": tune, "sweep": sweep}, "")
+
+
 def with_grid(study: Study, grids: Sequence[str], scenarios: int | None) -> Study:
     """Return the study with its sweep replaced by command-line axes, and its number of scenarios.
 
@@ -219,14 +260,52 @@ def _check_together(study: Study, place: str) -> None:
         problem = f"got {study.scorer.warm_up} s; no sample of {study.clock.duration} s is left for tune.objective"
         mistakes.append(Mistake(f"{place}: scorer.warm_up", problem, "record for longer, or warm up for less"))
     numbers = numeric_paths(study)
-    for table, axes in (("sweep.grid", study.sweep.grid), ("tune.parameters", study.tune.parameters)):
+    # Where structures are chosen, a parameter need only exist in one of them, which is checked there.
+    tuned = {} if study.tune.choices else study.tune.parameters
+    for table, axes in (("sweep.grid", study.sweep.grid), ("tune.parameters", tuned)):
         for path, axis in axes.items():
             where = f"{place}: {table}.{path!r}"
             mistakes += _check_path(path, where, numbers)
             if path in numbers:
                 mistakes += _check_values(study, path, axis, where)
+    if study.tune.choices and not mistakes:
+        mistakes += _check_structures(study, place)
+    mistakes += _check_population(study, place, numbers)
     if mistakes:
         raise InputError(*mistakes)
+
+
+def _check_structures(study: Study, place: str) -> list[Mistake]:
+    """Check every combination of the choices, and that each parameter exists in one of them."""
+    mistakes = check_choices(study.tune.choices, place)
+    if mistakes:
+        return mistakes
+    try:
+        found = [numeric_paths(structure) for _, structure in structures(study, place)]
+    except InputError as error:
+        return list(error.mistakes)
+    everywhere = {path: value for numbers in found for path, value in numbers.items()}
+    paths = study.tune.parameters
+    return [m for p in paths for m in _check_path(p, f"{place}: tune.parameters.{p!r}", everywhere)]
+
+
+def _check_population(study: Study, place: str, numbers: Mapping[str, float]) -> list[Mistake]:
+    """Check that what varies leads to numbers, stays within their limits, and is not chosen elsewhere too."""
+    mistakes = []
+    for path in study.population.paths:
+        where = f"{place}: population.{path!r}"
+        mistakes += _check_path(path, where, numbers)
+        for table, chosen in (("sweep.grid", study.sweep.grid), ("tune.parameters", study.tune.parameters)):
+            if path in chosen:
+                fix = "remove one of them: a scenario's number cannot be chosen and drawn"
+                mistakes.append(Mistake(where, f"is in {table} too", fix))
+    if mistakes:
+        return mistakes
+    for path, value in study.population.ends(numbers):
+        where = f"{place}: population.{path!r}"
+        fix = "narrow the distribution, or cut it off with low and high"
+        mistakes += [Mistake(where, m.problem, m.fix or fix) for m in _check_value(study, path, value, where)]
+    return mistakes
 
 
 def check_pairing(config: Config, place: str) -> list[Mistake]:
@@ -283,14 +362,18 @@ def _check_path(path: str, where: str, numbers: Mapping[str, float]) -> list[Mis
 
 def _check_values(study: Study, path: str, axis: Axis | Bounds, where: str) -> list[Mistake]:
     """Check the ends of a range against the limits of the number that it replaces."""
-    for value in axis.ends():
-        tables = resolved(study) | {"sweep": {}, "tune": {}}
-        _put(tables, path.split("."), value)
-        try:
-            validate(type(study), tables, where)
-        except InputError as error:
-            problem = error.mistakes[0].problem
-            return [Mistake(where, f"reaches {value:g}, which is not allowed there: {problem}")]
+    return [mistake for value in axis.ends() for mistake in _check_value(study, path, value, where)][:1]
+
+
+def _check_value(study: Study, path: str, value: float, where: str) -> list[Mistake]:
+    """Check one value that a number will take."""
+    tables = resolved(study) | {"sweep": {}, "tune": {}, "population": {}}
+    _put(tables, path.split("."), float(value))
+    try:
+        validate(type(study), tables, where)
+    except InputError as error:
+        problem = error.mistakes[0].problem
+        return [Mistake(where, f"reaches {value:g}, which is not allowed there: {problem}")]
     return []
 
 

@@ -8,15 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from tuning.errors import input_error
+from tuning.executors import Executor, Inline, complete
 from tuning.grid import Grid
 from tuning.problem import Problem
-from tuning.progress import progress
-from tuning.store import RunStore, open_run
+from tuning.store import RunStore, open_run, read_table
 from tuning.study import Study
 
 _STEPS_PER_CHUNK = 1.0e8
@@ -52,11 +53,24 @@ class GridSweep:
         study: the study.
         axes: values by dotted path.
         scenarios: noise draws per configuration.
+        cut: outer points of the grid in a chunk; a few seconds of work if `None`.
     """
 
     study: Study
     axes: Mapping[str, Sequence[float]]
     scenarios: int
+    cut: int | None = None
+
+    @classmethod
+    def from_plan(cls, study: Study, plan: Mapping[str, Any]) -> GridSweep:
+        """Return the sweep that a run's `plan` describes, with the same chunks."""
+        return cls(study, plan["axes"], plan["scenarios"], plan["points_per_chunk"])
+
+    @property
+    def plan(self) -> dict[str, Any]:
+        """What determines the rows beside the study, for the manifest and for other processes."""
+        axes = {path: list(values) for path, values in self.axes.items()}
+        return {"axes": axes, "scenarios": self.scenarios, "points_per_chunk": self.points_per_chunk}
 
     @cached_property
     def grid(self) -> Grid:
@@ -66,6 +80,8 @@ class GridSweep:
     @cached_property
     def points_per_chunk(self) -> int:
         """Outer points of the grid in a chunk."""
+        if self.cut is not None:
+            return self.cut
         steps = self.grid.inner_size * self.grid.problem.samples
         return min(max(1, round(_STEPS_PER_CHUNK / steps)), len(self.grid.outer_points))
 
@@ -94,20 +110,12 @@ class GridSweep:
 
     def open(self, folder: Path, *, resume: bool) -> RunStore:
         """Return the run's store."""
-        plan = {"axes": {path: list(values) for path, values in self.axes.items()}, "scenarios": self.scenarios}
-        return open_run(folder, "sweep", self.study, plan, self.chunks, resume=resume)
+        return open_run(folder, "sweep", self.study, self.plan, self.chunks, resume=resume)
 
-    def run(self, store: RunStore, *, quiet: bool = False) -> pa.Table:
-        """Compute every unfinished chunk and return all results."""
-        done = len(self.chunks) - len(list(store.pending()))
-        with progress(
-            f"sweep {self.grid.configurations} × {self.scenarios}", len(self.chunks), quiet=quiet
-        ) as advance:
-            advance(done)
-            for chunk in store.pending():
-                store.write_chunk(chunk, self.run_chunk(chunk))
-                advance()
-        return store.finish()
+    def run(self, store: RunStore, executor: Executor | None = None, *, quiet: bool = False) -> pa.Table:
+        """Compute every unfinished chunk, in this process if no executor is given, and return all results."""
+        label = f"sweep {self.grid.configurations} × {self.scenarios}"
+        return read_table(complete(store, executor or Inline(), label, quiet=quiet))
 
     def forecast(self) -> Forecast:
         """Compile and time one chunk."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,17 +17,18 @@ import numpy as np
 import pyarrow.parquet as pq
 from scipy import stats
 
-from tuning.errors import input_error
+from tuning.errors import InputError, input_error
 from tuning.gradient import Algorithm, GradientTuner, Outcome
 from tuning.grid import Grid, lane_program
 from tuning.judging import Judgement, judge
-from tuning.problem import Problem, Stream, scenario_keys
+from tuning.problem import Problem, Scenario, Stream, draw_scenarios
 from tuning.progress import progress
 from tuning.space import Space
 from tuning.store import open_run, versions, write_text
 from tuning.study import Study, numeric_paths, resolved, study_hash, to_toml, with_numbers
+from vsajax import Scores
 
-Method = Literal["gradient", "grid", "hybrid"]
+Method = Literal["gradient", "grid", "hybrid", "tpe", "cmaes", "pareto"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class Tuned:
         train: the best numbers on the training scenarios.
         held_out: the best numbers on the held-out scenarios.
         before: the study's own numbers on the held-out scenarios.
+        evaluations: scored configurations: points and optimiser steps.
+        seconds: that they took, compilation included.
     """
 
     values: dict[str, float]
@@ -46,6 +50,8 @@ class Tuned:
     train: Judgement
     held_out: Judgement
     before: Judgement
+    evaluations: int = 0
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,8 @@ class Search:
     Args:
         study: the study; its own numbers are the first start.
         method: "gradient": from the study's numbers and the best of some Sobol points; "grid": every
-            combination of the bounds' points; "hybrid": the gradient, from the grid's best.
+            combination of the bounds' points; "hybrid": the gradient, from the grid's best. The others are
+            those of `blackbox`.
         algorithm: of the gradient.
     """
 
@@ -71,27 +78,43 @@ class Search:
     @cached_property
     def problem(self) -> Problem:
         """The study's problem."""
-        return Problem(self.study, self.space.paths)
+        return Problem(self.study, self.paths)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The tuned parameters."""
+        return tuple(self.study.tune.parameters)
 
     @cached_property
     def own(self) -> dict[str, float]:
         """The study's numbers at the tuned paths."""
         numbers = numeric_paths(self.study)
-        return {path: numbers[path] for path in self.space.paths}
+        return {path: numbers[path] for path in self.paths}
+
+    @cached_property
+    def scenarios(self) -> Scenario:
+        """The training scenarios."""
+        return draw_scenarios(self.study, "train", self.study.scenarios.train)
 
     @cached_property
     def tuner(self) -> GradientTuner:
         """The gradient tuner on the training scenarios."""
-        keys = scenario_keys(self.study, "train", self.study.scenarios.train)
-        return GradientTuner(self.problem, self.space, keys, self.algorithm, self.study.tune.max_steps)
+        return GradientTuner(self.problem, self.space, self.scenarios, self.algorithm, self.study.tune.max_steps)
+
+    @cached_property
+    def program(self) -> Any:
+        """The compiled program that scores points on the training scenarios."""
+        return lane_program(self.problem, self.paths, (), width=self.study.scenarios.train)
+
+    def score(self, points: np.ndarray) -> Scores:
+        """Return `(point, scenario)` training scores at `(point, parameter)` numbers."""
+        scenarios = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(points), *x.shape)), self.scenarios)
+        return self.program((jnp.asarray(points), scenarios), ((), self.problem.given))
 
     def screen(self, points: np.ndarray) -> np.ndarray:
-        """Return the mean training objective at `(point, parameter)` numbers [%]."""
-        keys = scenario_keys(self.study, "train", self.study.scenarios.train)
-        program = lane_program(self.problem, self.space.paths, (), width=len(keys))
-        lanes = (jnp.asarray(points), jnp.broadcast_to(keys, (len(points), *keys.shape)))
-        scores = program(lanes, ((), self.problem.given))
-        return np.asarray(jnp.mean(getattr(scores, self.study.tune.objective), axis=1))
+        """Return the statistic of the training objective at `(point, parameter)` numbers [%]."""
+        scores = self.score(points)
+        return self.study.tune.statistic.of(np.asarray(getattr(scores, self.study.tune.objective)))
 
     def sobol_points(self) -> np.ndarray:
         """Return `screen` scrambled Sobol points of the space, `(point, parameter)`."""
@@ -113,7 +136,7 @@ class Search:
         problem = Problem(with_numbers(self.study, values, "tuned study"))
         scores = Grid(problem, {}, count, stream).evaluate(np.empty((1, 0)))
         single = {name: score[0, 0] for name, score in scores.items()}
-        return judge(single, self.study.tune.objective, seed=self.study.seed)
+        return judge(single, self.study.tune, seed=self.study.seed)
 
 
 def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = False) -> Tuned:
@@ -131,7 +154,9 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
 
         def finished(chunk: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
             if chunk in set(store.pending()):
-                store.write_chunk(chunk, compute())
+                begin, rows = time.perf_counter(), compute()
+                taken = (time.perf_counter() - begin) / max(1, len(rows["objective"]))
+                store.write_chunk(chunk, rows | {"seconds": np.full(len(rows["objective"]), taken)})
             advance()
             table = pq.read_table(folder / "chunks" / f"{chunk}.parquet")
             return {name: table[name].to_numpy() for name in table.column_names}
@@ -140,10 +165,11 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
         points = np.stack([screened[path] for path in search.space.paths], axis=1)
         order = np.argsort(np.where(np.isnan(screened["objective"]), np.inf, screened["objective"]))
         candidates = [dict(zip(search.space.paths, map(float, points[i]), strict=True)) for i in order]
-        outcomes = []
+        outcomes, seconds = [], float(np.sum(screened["seconds"]))
         for i, start in enumerate([search.own, *candidates][:starts]):
             row = finished(f"start-{i:03d}", lambda start=start: _refine(search, start))
             values = {path: float(row[path][0]) for path in search.space.paths}
+            seconds += float(row["seconds"][0])
             outcomes.append(
                 Outcome(start, values, float(row["objective"][0]), int(row["steps"][0]), str(row["message"][0]))
             )
@@ -156,8 +182,11 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
         search.judge(best, "train", study.scenarios.train),
         search.judge(best, "held_out", study.scenarios.held_out),
         search.judge(search.own, "held_out", study.scenarios.held_out),
+        len(points) + sum(outcome.steps for outcome in outcomes),
+        seconds,
     )
-    write_best(search, tuned, folder / "best.toml")
+    source = {"method": search.method, "algorithm": search.algorithm}
+    write_best(study, study, tuned, source, folder / "best.toml")
     return tuned
 
 
@@ -165,25 +194,43 @@ def plan_search(study: Study, method: Method, algorithm: Algorithm, place: str) 
     """Return the search that a study's `[tune]` table asks for.
 
     Raises:
-        InputError: there is no parameter to tune.
+        InputError: there is no parameter to tune, or there are choices, which these methods cannot make.
     """
-    if not study.tune.parameters:
+    if study.tune.choices:
         raise input_error(
-            f"{place}: tune.parameters",
-            "names no number to tune",
-            'add one, e.g. [tune.parameters] "estimator.fit.prior_scale" = { low = 1e-4, high = 1e3 }',
+            f"{place}: tune.choices",
+            f"cannot be searched by --method {method}, which varies numbers only",
+            "choose with --method tpe or pareto, then refine its best.toml",
         )
+    if not study.tune.parameters:
+        raise nothing_to_tune(place)
     return Search(study, method, algorithm)
 
 
-def write_best(search: Search, tuned: Tuned, path: Path) -> None:
-    """Write the tuned study with its provenance."""
-    study = search.study
+def nothing_to_tune(place: str) -> InputError:
+    """Return the error of a study without parameters."""
+    return input_error(
+        f"{place}: tune.parameters",
+        "names no number to tune",
+        'add one, e.g. [tune.parameters] "estimator.fit.prior_scale" = { low = 1e-4, high = 1e3 }',
+    )
+
+
+def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any], path: Path) -> None:
+    """Write the tuned study with its provenance.
+
+    Args:
+        study: what was tuned.
+        best: the same, or the one of its structures that was chosen.
+        tuned: what was found.
+        source: how: the method and its options.
+        path: where to.
+    """
     provenance = {
         "command": "tune",
-        "method": search.method,
-        "algorithm": search.algorithm,
+        **source,
         "objective": study.tune.objective,
+        "statistic": study.tune.statistic.model_dump(),
         "study_hash": study_hash(study),
         "seed": study.seed,
         "versions": versions(),
@@ -192,7 +239,7 @@ def write_best(search: Search, tuned: Tuned, path: Path) -> None:
         "held_out": tuned.held_out.summary(),
         "before_on_held_out": tuned.before.summary(),
     }
-    tables = resolved(with_numbers(study, tuned.values, "tuned study"))
+    tables = resolved(with_numbers(best, tuned.values, "tuned study"))
     # TOML has no number for an infinite convergence time that every reader takes; JSON's way out is a string.
     write_text(path, to_toml(tables | {"provenance": json.loads(json.dumps(provenance), parse_constant=str)}))
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import jax
+
+from tuning.problem import Scenario, Stream, draw_scenarios
 from tuning.resources import CONFIGS
 from tuning.study import Study, load_study
 
@@ -60,3 +63,9 @@ def small_antagonistic(*settings: str) -> Study:
     """Return the antagonistic study over 1.5 s with a window of 0.3 s, no grid and nothing to tune."""
     short = ("clock.duration=1.5", "scorer.warm_up=0.6", f"{WINDOW}=0.3", "scenarios={train=4, held_out=6}")
     return load_study(ANTAGONISTIC, [*short, "sweep={}", "tune.parameters={}", *settings])
+
+
+def scenarios_of(study: Study, stream: Stream, count: int) -> list[Scenario]:
+    """Return the first scenarios of a stream, one by one."""
+    drawn = draw_scenarios(study, stream, count)
+    return [jax.tree.map(lambda x, i=i: x[i], drawn) for i in range(count)]

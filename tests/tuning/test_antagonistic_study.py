@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, WINDOW, small_antagonistic
+from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, WINDOW, scenarios_of, small_antagonistic
 from tuning.grid import Grid
-from tuning.problem import Problem, scenario_keys
+from tuning.problem import Problem
 from tuning.study import load_study
 from tuning.tune import Search
 
@@ -57,7 +57,7 @@ def test_chosen_step_follows_radau_to_the_studys_tolerance(settings, offsets, am
 @pytest.mark.gradient
 def test_error_is_continuous_in_the_window():
     problem = Problem(small_antagonistic(), (WINDOW,))
-    key, given = scenario_keys(problem.study, "train", 1)[0], problem.given
+    key, given = scenarios_of(problem.study, "train", 1)[0], problem.given
 
     @jax.jit
     def error(window: jax.Array) -> jax.Array:

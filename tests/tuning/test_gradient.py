@@ -76,6 +76,7 @@ def test_every_algorithm_leads_down_within_the_bounds(algorithm):
         assert bounds.low <= outcome.values[path] <= bounds.high
     # What it reports is the mean score of the training scenarios there.
     values = {path: jnp.asarray(value) for path, value in outcome.values.items()}
-    residuals = jax.jit(jax.vmap(lambda key: tuner.problem.residuals(values, key, tuner.problem.given)))
-    again = jnp.sum(residuals(tuner.keys) ** 2) / tuner.keys.size
+    given = tuner.problem.given
+    residuals = jax.jit(jax.vmap(lambda scenario: tuner.problem.residuals(values, scenario, given)))
+    again = jnp.sum(residuals(tuner.scenarios) ** 2) / study.scenarios.train
     assert float(again) == pytest.approx(outcome.objective, rel=1e-9)

@@ -14,7 +14,7 @@ from tests.tuning.builders import GAIN, PRIOR, SEA, small_serial
 from tuning import grid as grid_module
 from tuning.build import with_leaves
 from tuning.grid import Grid, is_torque_only
-from tuning.problem import Problem, scenario_keys
+from tuning.problem import Problem, draw_scenarios
 from tuning.study import load_study
 from vsajax import Scores, experiment
 
@@ -57,7 +57,7 @@ def looped(problem: Problem, axes, scenarios: int) -> dict[str, np.ndarray]:
     for values in itertools.product(*axes.values()):
         leaves = {path: jnp.asarray(value) for path, value in zip(axes, values, strict=True)}
         bench = with_leaves(problem.bench, leaves)
-        found += [run(bench, key) for key in scenario_keys(problem.study, "train", scenarios)]
+        found += [run(bench, key) for key in draw_scenarios(problem.study, "train", scenarios).key]
     shape = (*(len(values) for values in axes.values()), scenarios)
     return {name: np.array([getattr(s, name) for s in found]).reshape(shape) for name in Scores._fields}
 

@@ -1,7 +1,8 @@
-"""A sweep in a process of its own, interrupted and killed, that goes on to the same bytes."""
+"""A sweep that is interrupted, killed, or without room on the disk, and goes on to the same bytes."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -10,9 +11,13 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+import psutil
+import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import NOISE, PRIOR, SERIAL, SMALL, TINY
+from tuning import sweep
 
 ROOT = Path(__file__).parents[2]
 POINTS = 12
@@ -38,15 +43,42 @@ main()
 """
 
 
-def start(run: Path, *options: str, pause: float = 0.0) -> subprocess.Popen[str]:
-    """Start a sweep that notes in RUN.begun every chunk that it begins."""
+def words_of(run: Path, *options: object) -> list[str]:
+    """Return the arguments of a sweep of `POINTS` points; later options override."""
     priors = ",".join(f"{0.1 * (i + 1):.1f}" for i in range(POINTS))
-    words = [sys.executable, "-c", SLOWED, "sweep", SERIAL, "-o", run, "--scenarios", "2", *options]
+    words = ["sweep", SERIAL, "-o", run, "--scenarios", "2"]
     words += ["--grid", f"{PRIOR}={priors}", "--grid", f"{NOISE}=0.01,0.03"]
     words += [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]
+    return list(map(str, [*words, *options]))
+
+
+def start(run: Path, *options: object, pause: float = 0.0) -> subprocess.Popen[str]:
+    """Start a sweep that notes in RUN.begun every chunk that it begins."""
     own = {"PYTHONPATH": str(ROOT), "BEGUN": str(begun_in(run)), "PAUSE": str(pause)}
-    pipe = subprocess.PIPE
-    return subprocess.Popen(list(map(str, words)), env=os.environ | own, stdout=pipe, stderr=pipe, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", SLOWED, *words_of(run, *options)],
+        env=os.environ | own,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A group of its own, which can be interrupted as a terminal does it: with all its workers.
+        process_group=0,
+    )
+
+
+def contents(run: Path) -> dict[str, bytes]:
+    """Return what may not depend on interruptions, by file."""
+    return {path.name: path.read_bytes() for path in run.rglob("*.parquet") if not path.name.startswith(".")}
+
+
+def members(group: int) -> list[psutil.Process]:
+    """Return the living processes of a group."""
+    found = []
+    for process in psutil.process_iter(["status"]):
+        with contextlib.suppress(ProcessLookupError):
+            if os.getpgid(process.pid) == group and process.info["status"] != psutil.STATUS_ZOMBIE:
+                found.append(process)
+    return found
 
 
 def begun_in(run: Path) -> Path:
@@ -106,3 +138,144 @@ def test_a_sweep_that_is_interrupted_and_killed_ends_with_the_same_bytes(tmp_pat
     begun = begun_in(run).read_text().split()
     assert set(begun[len(begun_before) :]) == finished_in(run) - after_kill
     assert len(begun) <= POINTS + 2
+
+
+# Long enough for workers, which know nothing of a pause, to be caught at it.
+LASTING = ("--scenarios", "512", "--set", "clock.duration=4.0")
+
+
+@pytest.mark.cli
+@pytest.mark.equivalence
+@pytest.mark.slow
+@pytest.mark.parametrize("chunks", [0, 1])
+def test_workers_stop_with_a_sweep_that_is_interrupted_and_one_that_goes_on_gives_the_same_bytes(tmp_path, chunks):
+    straight = start(tmp_path / "straight", *LASTING, "--quiet")
+    assert (*straight.communicate(), straight.returncode) == ("", "", 0)
+
+    run = tmp_path / "cut"
+    interrupted = start(run, *LASTING, "--workers", 2)
+    # The host and two workers at least; without a chunk they are caught while they start.
+    while len(members(interrupted.pid)) < 3:
+        assert interrupted.poll() is None, interrupted.communicate()[1]
+        time.sleep(0.01)
+    wait_for(interrupted, run, chunks)
+    os.killpg(interrupted.pid, signal.SIGINT)
+    out, err = interrupted.communicate(timeout=60)
+    assert (interrupted.returncode, out) == (3, "")
+    assert err.split("\n") == ["", "interrupted; finished work is kept: run the same command with --resume", ""]
+    wait_until_gone(interrupted.pid)
+
+    resumed = start(run, *LASTING, "--workers", 2, "--resume", "--quiet")
+    assert (*resumed.communicate(), resumed.returncode) == ("", "", 0)
+    assert contents(run) == contents(tmp_path / "straight")
+
+
+@pytest.mark.cli
+@pytest.mark.slow
+def test_workers_do_not_outlive_a_sweep_that_is_killed(tmp_path):
+    killed = start(tmp_path / "run", *LASTING, "--workers", 2)
+    wait_for(killed, tmp_path / "run", 1)
+    assert len(members(killed.pid)) >= 3
+    killed.kill()
+    killed.communicate()
+    wait_until_gone(killed.pid)
+
+
+def wait_until_gone(group: int) -> None:
+    """Wait until no process of a group is left."""
+    deadline = time.monotonic() + 30.0
+    while members(group):
+        assert time.monotonic() < deadline, [process.cmdline() for process in members(group)]
+        time.sleep(0.05)
+
+
+@pytest.mark.cli
+@pytest.mark.equivalence
+@pytest.mark.slow
+def test_a_sweep_killed_at_any_instant_leaves_a_folder_that_can_be_resumed(tmp_path):
+    def in_one_go(name: str) -> float:
+        begun = time.monotonic()
+        straight = start(tmp_path / name, "--quiet", pause=0.1)
+        assert (straight.communicate()[0], straight.returncode) == ("", 0)
+        return time.monotonic() - begun
+
+    in_one_go("compiling")
+    lasted = in_one_go("straight")
+    expected = contents(tmp_path / "straight")
+    assert contents(tmp_path / "compiling") == expected
+
+    # One folder is killed again and again until it gets done, then the next.
+    runs, left = [tmp_path / "killed-0"], []
+    for i, share in enumerate(np.random.default_rng(7).random(20)):
+        run = runs[-1]
+        begun_in(run).unlink(missing_ok=True)
+        killed = start(run, "--quiet", "--resume", pause=0.1)
+        # Half of the time is spent before the first chunk; every other time, no kill falls there.
+        while i % 2 and killed.poll() is None and not begun_in(run).exists():
+            time.sleep(0.01)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            killed.wait(share * (1.5 if i % 2 else lasted))
+        killed.kill()
+        killed.communicate()
+        assert killed.returncode in {0, -signal.SIGKILL}
+        left.append(len(finished_in(run)))
+        # What is there is there whole.
+        assert all(written == expected[name] for name, written in contents(run).items())
+        if killed.returncode == 0:
+            runs.append(tmp_path / f"killed-{len(runs)}")
+    for run in runs:
+        resumed = start(run, "--quiet", "--resume")
+        assert (resumed.communicate()[0], resumed.returncode) == ("", 0)
+        assert contents(run) == expected
+    assert len(set(left)) >= 4, left
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """A small disk of its own, which grows when it is called with a size [KiB]."""
+    place = tmp_path / "disk"
+    place.mkdir()
+
+    def mount(options: str) -> subprocess.CompletedProcess[str]:
+        words = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)]
+        return subprocess.run(words, capture_output=True, text=True, check=False)
+
+    try:
+        mounted = mount("size=8k")
+    except FileNotFoundError:
+        pytest.skip("needs the command mount")
+    if mounted.returncode:
+        pytest.skip(f"needs to mount a small disk, which this user may not: {mounted.stderr.strip()}")
+
+    def grow(size: int) -> Path:
+        assert mount(f"remount,size={size}k").returncode == 0
+        return place
+
+    yield grow
+    subprocess.run(["umount", str(place)], check=True)
+
+
+@pytest.mark.cli
+@pytest.mark.failure
+@pytest.mark.equivalence
+def test_a_full_disk_ends_with_2_and_the_run_goes_on_when_there_is_room(vsajax, disk, tmp_path, monkeypatch):
+    monkeypatch.setattr(sweep, "_STEPS_PER_CHUNK", 1.0)
+    assert vsajax(*words_of(tmp_path / "straight", "--quiet")) == (0, "", "")
+    expected = contents(tmp_path / "straight")
+    full = []
+    # At every stage: the manifest, the chunks, the results and the picture.
+    for size in range(4, 400, 16):
+        run = disk(size) / "run"
+        ended = vsajax(*words_of(run, "--quiet", "--resume"))
+        if ended.code == 0:
+            break
+        assert (ended.code, ended.out) == (2, "")
+        assert "cannot be written (No space left on device)" in ended.err
+        full.append(ended.err.removeprefix(f"error: {run}/").partition(":")[0])
+        assert all(written == expected[name] for name, written in contents(run).items())
+        # Nothing half written takes the room.
+        assert [path for path in run.rglob(".*")] == []
+    assert ended == (0, "", "")
+    assert contents(run) == expected
+    assert {Path(name).parts[0] for name in full} >= {"manifest.json", "chunks", "figures"}
+    assert pq.ParquetFile(run / "results.parquet").metadata.num_rows == 4 * POINTS

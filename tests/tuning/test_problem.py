@@ -9,18 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.tuning.builders import GAIN, PRIOR, SEA, small_serial
+from tests.tuning.builders import GAIN, PRIOR, SEA, scenarios_of, small_serial
 from tuning.build import with_leaves
 from tuning.errors import InputError
 from tuning.integration import motion_of
-from tuning.problem import Given, Problem, scenario_keys
+from tuning.problem import Given, Problem, draw_scenarios
 from tuning.study import load_study
 
 SHORT_SEA = ("clock.duration=0.2", "sweep={}", "tune={}")
 
 
 def draws(study, stream, count) -> np.ndarray:
-    return np.asarray(jax.random.key_data(scenario_keys(study, stream, count)))
+    return np.asarray(jax.random.key_data(draw_scenarios(study, stream, count).key))
 
 
 @pytest.mark.equivalence
@@ -92,7 +92,7 @@ def test_an_unstable_number_of_steps_is_refused_with_the_largest_safe_step():
 def test_what_does_not_move_the_joint_shares_one_motion():
     problem = Problem(small_serial(), (GAIN, PRIOR, "sensing.motor_torque.noise_std"))
     assert problem.shares_motion
-    keys = scenario_keys(problem.study, "train", 2)
+    keys = scenarios_of(problem.study, "train", 2)
     first, second = (problem.record(key, problem.given)[1] for key in keys)
     np.testing.assert_array_equal(first.link_position, second.link_position)
     assert (first.motor_torque != second.motor_torque).all()
@@ -101,7 +101,7 @@ def test_what_does_not_move_the_joint_shares_one_motion():
 def test_a_jittered_clock_gives_every_scenario_its_own_motion():
     problem = Problem(load_study(SEA, SHORT_SEA))
     assert problem.shared_truth is None
-    keys = scenario_keys(problem.study, "train", 2)
+    keys = scenarios_of(problem.study, "train", 2)
     first, second = (problem.record(key, problem.given)[0] for key in keys)
     assert (first.time[1:] != second.time[1:]).all()
     assert not jnp.allclose(first.motion.link_position, second.motion.link_position, rtol=1e-6)
@@ -111,7 +111,7 @@ def test_a_jittered_clock_gives_every_scenario_its_own_motion():
 def test_what_moves_the_joint_gives_every_value_its_own_motion(path):
     problem = Problem(small_serial(), (path,))
     assert problem.shared_truth is None
-    (key,) = scenario_keys(problem.study, "train", 1)
+    (key,) = scenarios_of(problem.study, "train", 1)
     other = with_leaves(problem.bench, {path: jnp.asarray(0.4)})
     own, changed = (problem.record(key, Given(bench, None))[0].motion for bench in (problem.bench, other))
     assert not jnp.allclose(own.deflection[1:], changed.deflection[1:], rtol=1e-2)
@@ -123,7 +123,7 @@ def test_the_squared_norm_of_the_residuals_is_the_score(objective):
     study = small_serial("scorer.warm_up=0.1", f"tune={{objective='{objective}'}}")
     problem = Problem(study)
     values = {GAIN: jnp.asarray(200.0), PRIOR: jnp.asarray(0.5)}
-    (key,) = scenario_keys(study, "train", 1)
+    (key,) = scenarios_of(study, "train", 1)
     residuals = problem.residuals(values, key, problem.given)
     score = getattr(problem.scores(values, key, problem.given), objective)
     # Sums of 200 squares in another order.

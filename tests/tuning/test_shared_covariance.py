@@ -10,7 +10,7 @@ import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SERIAL
 from tuning.grid import Grid, lane_program
-from tuning.problem import Problem, scenario_keys
+from tuning.problem import Problem, draw_scenarios
 from tuning.study import load_study
 
 GAINS, PRIORS = [10.0 * 2.0**i for i in range(8)], [10.0**-i for i in range(8)]
@@ -52,8 +52,8 @@ def test_gains_and_noise_draws_share_the_covariance_and_priors_do_not(problem):
     assert work_of_grid(problem, {GAIN: GAINS[:1], PRIOR: PRIORS}, 8) < 2.0 * single
 
     # The measure sees what is not shared: the same 64 points as lanes of their own.
-    keys = scenario_keys(problem.study, "train", 1)
+    drawn = draw_scenarios(problem.study, "train", 1)
     points = jnp.array([[gain, prior] for gain in GAINS for prior in PRIORS])
-    lanes = (points, jnp.broadcast_to(keys, (len(points), 1)))
+    lanes = (points, jax.tree.map(lambda x: jnp.broadcast_to(x, (len(points), 1)), drawn))
     unshared = lane_program(problem, (GAIN, PRIOR), (), width=1)
     assert work(unshared, lanes, ((), problem.given)) > 7.0 * single

@@ -7,10 +7,12 @@ import os
 from importlib import metadata
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import PRIOR, small_serial
+from tuning import store as store_module
 from tuning.errors import InputError
 from tuning.store import RunStore, open_run, write_text
 from tuning.study import parse_study, study_hash
@@ -63,12 +65,72 @@ def test_finished_chunks_are_not_pending_and_are_joined_in_order(tmp_path):
     again = opened(tmp_path, resume=True)
     assert list(again.pending()) == ["b"]
     again.write_chunk("b", rows(1.0))
-    table = again.finish()
+    table = pq.read_table(again.finish())
     expected = np.concatenate([rows(start)["msrep"] for start in (0.0, 1.0, 2.0)])
     np.testing.assert_array_equal(table["msrep"].to_numpy(), expected)
     assert pq.read_table(tmp_path / "results.parquet").equals(table.combine_chunks())
     assert sorted(os.listdir(tmp_path)) == ["chunks", "manifest.json", "results.parquet"]
     assert sorted(os.listdir(tmp_path / "chunks")) == ["a.parquet", "b.parquet", "c.parquet"]
+
+
+@pytest.mark.equivalence
+def test_results_are_joined_in_parts_to_the_same_table(tmp_path, monkeypatch):
+    store = opened(tmp_path)
+    for start, chunk in enumerate(CHUNKS):
+        store.write_chunk(chunk, rows(start))
+    whole = pq.read_table(store.finish())
+    monkeypatch.setattr(store_module, "_ROWS_AT_ONCE", 4)
+    assert pq.ParquetFile(store.finish()).num_row_groups == 2
+    assert pq.read_table(tmp_path / "results.parquet").equals(whole)
+
+
+@pytest.mark.structure
+def test_a_million_rows_are_joined_without_holding_them(tmp_path):
+    chunks = [f"{i:03d}" for i in range(50)]
+    store = open_run(tmp_path, "sweep", small_serial(), PLAN, chunks, resume=False)
+    columns = {f"score{i}": np.random.default_rng(i).random(20_000) for i in range(8)}
+    for chunk in chunks:
+        store.write_chunk(chunk, columns)
+    pool, usual = pa.proxy_memory_pool(pa.default_memory_pool()), pa.default_memory_pool()
+    pa.set_memory_pool(pool)
+    try:
+        path = store.finish()
+    finally:
+        pa.set_memory_pool(usual)
+    assert pq.ParquetFile(path).metadata.num_rows == 1_000_000
+    # All rows are 64 MB.
+    assert 1e6 < pool.max_memory() < 24e6
+
+
+@pytest.mark.failure
+def test_a_chunk_that_a_crash_of_the_machine_cut_short_is_computed_again(tmp_path):
+    store = opened(tmp_path)
+    for chunk in CHUNKS:
+        store.write_chunk(chunk, rows(0.0))
+    path = tmp_path / "chunks" / "b.parquet"
+    written = path.read_bytes()
+    for length in (0, 1, 4, len(written) // 2, len(written) - 1):
+        path.write_bytes(written[:length])
+        assert list(store.pending()) == ["b"]
+        with pytest.raises(InputError, match=r"b\.parquet: cannot be read .*\n.*--resume computes it again"):
+            store.finish()
+        assert sorted(os.listdir(tmp_path)) == ["chunks", "manifest.json"]
+    path.write_bytes(bytes(len(written)))
+    assert list(store.pending()) == ["b"]
+    store.write_chunk("b", rows(0.0))
+    assert path.read_bytes() == written
+
+
+@pytest.mark.failure
+def test_a_manifest_that_was_never_put_in_place_is_no_obstacle(tmp_path):
+    (tmp_path / ".manifest.json.123.tmp").write_text('{"command": "swe')
+    for resume in (False, True):
+        (tmp_path / "notes.txt").write_text("")
+        assert "is not empty and holds no run" in refusal(tmp_path, resume=resume)
+        (tmp_path / "notes.txt").unlink()
+        opened(tmp_path, resume=resume)
+        assert os.listdir(tmp_path) == ["manifest.json"]
+        (tmp_path / "manifest.json").rename(tmp_path / ".manifest.json.45.tmp")
 
 
 def test_a_run_goes_on_with_the_manifest_that_it_has(tmp_path):
@@ -130,7 +192,9 @@ def test_a_full_disk_leaves_a_chunk_pending_and_no_scraps(tmp_path, monkeypatch)
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", refuse)
-        with pytest.raises(InputError, match=r"b\.parquet: cannot be written \(No space left on device\)"):
+        with pytest.raises(
+            InputError, match=r"b\.parquet: cannot be written \(No space left on device\)\n.*--resume"
+        ):
             store.write_chunk("b", rows(1.0))
     assert os.listdir(tmp_path / "chunks") == ["a.parquet"]
     assert list(store.pending()) == ["b", "c"]

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import click
 
-from tuning.cli import authoring, inspection, recordings, results, searches
+from tuning.cli import authoring, inspection, populations, recordings, reports, results, searches
 from tuning.errors import InputError
 
 DONE, NOT_HELD, BAD_INPUT, INTERRUPTED = 0, 1, 2, 3
@@ -29,8 +29,10 @@ for command in (
     recordings.simulate,
     recordings.estimate,
     searches.sweep,
+    populations.montecarlo,
     searches.tune,
     searches.compare,
+    reports.report,
     results.reproduce,
     results.export,
     inspection.doctor,

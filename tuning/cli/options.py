@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+
+if TYPE_CHECKING:
+    from tuning.executors import Executor
 
 STUDY = click.argument("study", type=click.Path(path_type=Path))
 SETTINGS = click.option(
@@ -20,6 +23,52 @@ RESUME = click.option("--resume", is_flag=True, help="Go on with an interrupted 
 RUN = click.option(
     "-o", "--output", "folder", type=click.Path(path_type=Path), required=True, metavar="RUN", help="Run folder."
 )
+
+
+def with_executor(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that `executor_for` takes."""
+    executor = click.option(
+        "--executor",
+        type=click.Choice(["inline", "dask", "slurm"]),
+        help="Where chunks are computed; dask if --workers or --scheduler is given, else inline.",
+    )
+    workers = click.option(
+        "--workers", type=click.IntRange(min=1), help="Processes of Dask on this machine, or SLURM jobs."
+    )
+    scheduler = click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler that runs already.")
+    return executor(workers(scheduler(command)))
+
+
+def executor_for(executor: str | None, workers: int | None, scheduler: str | None, folder: Path) -> Executor:
+    """Return the executor that the options ask for.
+
+    Args:
+        executor: its name, if given.
+        workers: how many, if given.
+        scheduler: address of a Dask scheduler, if given.
+        folder: the run folder, in which SLURM jobs keep their files.
+
+    Raises:
+        InputError: the packages for it are not installed.
+        click.UsageError: the options contradict one another.
+    """
+    name = executor or ("dask" if workers or scheduler is not None else "inline")
+    if scheduler is not None and (name != "dask" or workers):
+        raise click.UsageError(
+            f"--scheduler brings its own workers: it does not go with {'--workers' if workers else name}"
+        )
+    if name == "inline" and workers:
+        raise click.UsageError("--executor inline has no --workers: leave one of them out")
+    if name == "slurm" and not workers:
+        raise click.UsageError("--executor slurm needs --workers, the number of jobs")
+    from tuning.executors import DaskExecutor, Inline, SlurmExecutor
+    from tuning.runtime import usable_cores
+
+    if name == "inline":
+        return Inline()
+    if name == "slurm":
+        return SlurmExecutor(folder / "jobs", workers or 1)
+    return DaskExecutor(workers or usable_cores(), scheduler)
 
 
 def output_file(default: str) -> Callable[[Any], Any]:

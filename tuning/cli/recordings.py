@@ -17,7 +17,13 @@ if TYPE_CHECKING:
 @click.command(epilog="Example: vsajax simulate study.toml -o rec.parquet")
 @STUDY
 @output_file("recording.parquet")
-@click.option("--scenario", type=click.IntRange(min=0), default=0, show_default=True, help="Noise draw.")
+@click.option(
+    "--scenario",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Robot of the population, or noise draw.",
+)
 @SETTINGS
 @SEED
 @JSON
@@ -42,16 +48,29 @@ def simulate(
     start_jax()
     from tuning.figures import draw_recording, save
     from tuning.log_files import write_table
-    from tuning.single import simulate_recording
+    from tuning.single import member, simulate_recording
+    from tuning.store import write_text
+    from tuning.study import resolved, to_toml
 
     columns, substeps = simulate_recording(loaded, scenario)
     write_table(output, columns)
+    robot = None
+    if loaded.population.paths:
+        robot = output.with_suffix(".toml")
+        write_text(robot, to_toml(resolved(member(loaded, scenario))))
     picture = save(draw_recording(columns, title=loaded.name), output.with_suffix(".png"))
     emit(
-        {"recording": output, "picture": picture, "samples": len(columns["time"]), "substeps": substeps},
+        {
+            "recording": output,
+            "picture": picture,
+            "samples": len(columns["time"]),
+            "substeps": substeps,
+            "robot": robot,
+        },
         as_json=as_json,
         quiet=quiet,
-        text=f"wrote {output} ({len(columns['time'])} samples, {substeps} integration steps each) and {picture}",
+        text=f"wrote {output} ({len(columns['time'])} samples, {substeps} integration steps each) and {picture}"
+        + ("" if robot is None else f"\nwrote {robot}: this robot alone, and the estimator as it was there"),
     )
 
 

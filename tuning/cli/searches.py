@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,9 +16,18 @@ from tuning.cli.options import (
     SETTINGS,
     STUDY,
     emit,
+    executor_for,
     table,
+    with_executor,
     with_seed,
 )
+
+if TYPE_CHECKING:
+    from tuning.blackbox import Explored
+    from tuning.study import Study
+    from tuning.tune import Tuned
+
+_BLACK_BOX = ("tpe", "cmaes", "pareto")
 
 
 @click.command(epilog="Example: vsajax sweep study.toml -o runs/s --grid estimator.fit.prior_scale=log(1e-3,10,8)")
@@ -35,6 +44,7 @@ from tuning.cli.options import (
 @click.option(
     "--dry-run", is_flag=True, help="Time one chunk; print points, chunks, memory and time; write nothing."
 )
+@with_executor
 @SETTINGS
 @SEED
 @RESUME
@@ -46,6 +56,9 @@ def sweep(
     grids: tuple[str, ...],
     scenarios: int | None,
     dry_run: bool,
+    executor: str | None,
+    workers: int | None,
+    scheduler: str | None,
     settings: tuple[str, ...],
     seed: int | None,
     resume: bool,
@@ -57,6 +70,7 @@ def sweep(
 
     loaded = load_study(study, with_seed(settings, seed))
     loaded = with_grid(loaded, grids, scenarios)
+    where = executor_for(executor, workers, scheduler, folder)
     from tuning.runtime import start_jax
 
     start_jax()
@@ -68,7 +82,7 @@ def sweep(
         _print_forecast(planned.forecast(), as_json=as_json, quiet=quiet)
         return
     store = planned.open(folder, resume=resume)
-    results = planned.run(store, quiet=quiet)
+    results = planned.run(store, where, quiet=quiet)
     objective = loaded.tune.objective
     rows = rank(results, list(planned.axes), objective)
     picture = save(draw_sweep(rows, planned.axes, objective), folder / "figures" / "sweep.png")
@@ -105,10 +119,10 @@ def _print_forecast(forecast: Any, *, as_json: bool, quiet: bool) -> None:
 @RUN
 @click.option(
     "--method",
-    type=click.Choice(["gradient", "grid", "hybrid"]),
+    type=click.Choice(["gradient", "grid", "hybrid", *_BLACK_BOX]),
     default="gradient",
     show_default=True,
-    help="How.",
+    help="How; the last three make the study's choices too.",
 )
 @click.option(
     "--algorithm",
@@ -121,6 +135,12 @@ def _print_forecast(forecast: Any, *, as_json: bool, quiet: bool) -> None:
     "--starts", type=click.IntRange(min=1), help="Starts of the gradient; the first is the study itself."
 )
 @click.option("--budget", type=click.IntRange(min=0), help="Points screened before the gradient starts.")
+@click.option(
+    "--trials", type=click.IntRange(min=1), default=128, show_default=True, help="Of tpe, cmaes or pareto."
+)
+@click.option(
+    "--batch", type=click.IntRange(min=1), default=16, show_default=True, help="Trials run side by side."
+)
 @SETTINGS
 @SEED
 @RESUME
@@ -133,6 +153,8 @@ def tune(
     algorithm: Any,
     starts: int | None,
     budget: int | None,
+    trials: int,
+    batch: int,
     settings: tuple[str, ...],
     seed: int | None,
     resume: bool,
@@ -149,14 +171,22 @@ def tune(
     from tuning.runtime import start_jax
 
     start_jax()
-    from dataclasses import asdict
+    if method in _BLACK_BOX:
+        from tuning.blackbox import explore, plan_blackbox
 
+        box = plan_blackbox(loaded, method, batch, str(study))
+        explored = explore(box, folder, trials=trials, resume=resume, quiet=quiet)
+        report, lines = _explored(explored, method, loaded, folder)
+        tuned = explored.tuned
+    else:
+        from tuning.tune import plan_search
+        from tuning.tune import tune as run_tuning
+
+        search = plan_search(loaded, method, algorithm, str(study))
+        tuned = run_tuning(search, folder, resume=resume, quiet=quiet)
+        report, lines = _refined(tuned, search.paths, loaded.tune.objective)
     from tuning.figures import draw_tuning, save
-    from tuning.tune import plan_search
-    from tuning.tune import tune as run_tuning
 
-    search = plan_search(loaded, method, algorithm, str(study))
-    tuned = run_tuning(search, folder, resume=resume, quiet=quiet)
     picture = save(
         draw_tuning({"before": tuned.before.each, "tuned": tuned.held_out.each}, loaded.tune.objective),
         folder / "figures" / "tuning.png",
@@ -165,28 +195,19 @@ def tune(
         "run": folder,
         "best": folder / "best.toml",
         "picture": picture,
+        "method": method,
         "values": tuned.values,
-        "starts": [asdict(outcome) for outcome in tuned.outcomes],
+        **report,
+        "evaluations": tuned.evaluations,
+        "seconds": tuned.seconds,
         "train": tuned.train.summary(),
         "held_out": tuned.held_out.summary(),
         "before_on_held_out": tuned.before.summary(),
     }
 
     def text() -> str:
-        lines = [
-            table(
-                [
-                    "start",
-                    *(p.removeprefix("estimator.") for p in search.space.paths),
-                    f"train {loaded.tune.objective} %",
-                    "steps",
-                    "ended",
-                ],
-                [[i, *o.values.values(), o.objective, o.steps, o.message] for i, o in enumerate(tuned.outcomes)],
-            )
-        ]
-        lines += [
-            f"{name:<28} {j.mean:.4g} %  [{j.low:.4g}, {j.high:.4g}]  median {j.median:.4g} %  "
+        judged = [
+            f"{name:<28} {j.value:.4g} %  [{j.low:.4g}, {j.high:.4g}]  median {j.median:.4g} %  "
             f"msrep {j.msrep_mean:.4g} %  settled {j.settled_mean:.2g} %  converged in {j.convergence_time:.3f} s"
             for name, j in (
                 (f"before, {tuned.before.scenarios} held out:", tuned.before),
@@ -194,9 +215,38 @@ def tune(
                 (f"tuned, {tuned.held_out.scenarios} held out:", tuned.held_out),
             )
         ]
-        return "\n".join([*lines, f"wrote {folder / 'best.toml'} and {picture}"])
+        cost = f"{tuned.evaluations} evaluations in {tuned.seconds:.1f} s"
+        return "\n".join([*lines, *judged, cost, f"wrote {folder / 'best.toml'} and {picture}"])
 
     emit(result, as_json=as_json, quiet=quiet, text=text)
+
+
+def _refined(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict[str, Any], list[str]]:
+    """Return what is reported of the starts of a gradient, for machines and for people."""
+    from dataclasses import asdict
+
+    headers = ["start", *(p.removeprefix("estimator.") for p in paths), f"train {objective} %", "steps", "ended"]
+    rows = [[i, *o.values.values(), o.objective, o.steps, o.message] for i, o in enumerate(tuned.outcomes)]
+    return {"starts": [asdict(outcome) for outcome in tuned.outcomes]}, [table(headers, rows)]
+
+
+def _explored(explored: Explored, method: str, study: Study, folder: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return what is reported of the trials of a black-box search, for machines and for people."""
+    from tuning.figures import save
+    from tuning.front_figure import draw_front
+
+    report = {"choices": explored.best.chosen, "trials": len(explored.trials), "failed": explored.failed}
+    rows = [trial.row() for trial in explored.front]
+    headers = list(dict.fromkeys(name for row in rows for name in row))
+    names = [name.removeprefix("estimator.").removeprefix("choices.") for name in headers]
+    lines = [
+        table(names, [[row.get(name, "") for name in headers] for row in rows]),
+        f"{len(explored.trials)} trials, {explored.failed} of them without a finite score",
+    ]
+    if method == "pareto":
+        front = draw_front(explored.trials, explored.front, study.tune.objective)
+        report |= {"front": rows, "front_picture": save(front, folder / "figures" / "pareto.png")}
+    return report, lines
 
 
 @click.command(epilog="Example: vsajax compare a.toml runs/t/best.toml -s study.toml -o runs/duel")
@@ -252,18 +302,26 @@ def compare(
     ]
 
     def text() -> str:
-        headers = ["config", f"mean {objective} %", "95 %", "median", "minus first", "95 %", "better than first"]
+        headers = [
+            "config",
+            f"{loaded.tune.statistic.label} {objective} %",
+            "95 %",
+            "median",
+            "minus first",
+            "95 %",
+            "better than first",
+        ]
         lines = [
             [
                 c.name,
-                c.judgement.mean,
+                c.judgement.value,
                 f"{c.judgement.low:.4g} … {c.judgement.high:.4g}",
                 c.judgement.median,
                 c.difference,
-                f"{c.low:.4g} … {c.high:.4g}",
-                f"{100 * c.wins:.0f} % of {c.judgement.scenarios}",
+                f"{c.low:.4g} … {c.high:.4g}" if i else "–",
+                f"{100 * c.wins:.0f} % of {c.judgement.scenarios}" if i else "–",
             ]
-            for c in found
+            for i, c in enumerate(found)
         ]
         return f"{table(headers, lines)}\nwrote {folder / 'results.parquet'} and {picture}"
 

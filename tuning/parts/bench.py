@@ -118,6 +118,7 @@ class Sensor(Part):
 
     target = "sensing.Sensor"
     delay: NonNegative | None = None
+    gain: Positive | None = None
     bias: float | None = None
     noise_std: NonNegative | None = None
     encoder: Encoder | None = None

@@ -19,9 +19,9 @@ from scipy import stats
 
 from tuning.axes import Bounds
 from tuning.grid import lane_program
-from tuning.judging import mean_interval
+from tuning.judging import MEAN, interval
 from tuning.log_files import write_table
-from tuning.problem import Given, Problem, scenario_keys
+from tuning.problem import Given, Problem, Scenario, draw_scenarios
 from tuning.reproduce import antagonistic as paper
 from tuning.reproduce.report import Report, Row
 from tuning.resources import example_path
@@ -147,20 +147,21 @@ def _enter(contender: Contender) -> list[Entry]:
     paths = (*contender.bounds, *noise)
     problem = Problem(contender.study, paths)
     program = lane_program(problem, paths, (), width=_LANES)
-    train = scenario_keys(contender.study, "train", TRAIN)
-    held_out = scenario_keys(contender.study, "held_out", HELD_OUT).reshape(-1, TRAIN)
+    drawn = draw_scenarios(contender.study, "train", TRAIN), draw_scenarios(contender.study, "held_out", HELD_OUT)
+    train, held_out = jax.tree.map(lambda x: x.reshape(-1, TRAIN), drawn)
     per_level = np.stack(list(noise.values()), axis=1)
 
-    def run(chosen: np.ndarray, keys: jax.Array, setting: paper.Setting) -> tuple[np.ndarray, np.ndarray]:
-        """Score `(level, point, parameter)` numbers on `(block, draw)` keys: `(level, point, block, draw)`."""
+    def run(chosen: np.ndarray, scenarios: Scenario, setting: paper.Setting) -> tuple[np.ndarray, np.ndarray]:
+        """Score numbers, `(level, point, parameter)`, in scenarios, `(block, draw)`; these two come last."""
         levels, points, _ = chosen.shape
+        blocks = scenarios.key.shape[0]
         lanes = np.concatenate([chosen, np.repeat(per_level[:, None], points, axis=1)], axis=2)
-        lanes = np.repeat(lanes.reshape(levels * points, -1), len(keys), axis=0)
+        lanes = np.repeat(lanes.reshape(levels * points, -1), blocks, axis=0)
         scores = program(
-            (jnp.asarray(lanes), jnp.tile(keys, (levels * points, 1))),
+            (jnp.asarray(lanes), jax.tree.map(lambda x: jnp.tile(x, (levels * points, 1)), scenarios)),
             ((), Given(problem.bench, paper.truth_of(setting))),
         )
-        shape = (levels, points, len(keys), TRAIN)
+        shape = (levels, points, blocks, TRAIN)
         return np.asarray(scores.mse_settled).reshape(shape), np.asarray(scores.msrep_settled).reshape(shape)
 
     def search(setting: paper.Setting) -> tuple[np.ndarray, np.ndarray]:
@@ -176,7 +177,7 @@ def _enter(contender: Contender) -> list[Entry]:
             shares = np.clip(best[:, None] + width * offsets, 0.0, 1.0)
             numbers = jax.vmap(jax.vmap(space.at_share))(jnp.asarray(shares))
             chosen = np.stack([np.asarray(numbers[path]) for path in space.paths], axis=2)
-            found = run(chosen, train[None], setting)[0].mean(axis=(2, 3))
+            found = run(chosen, train, setting)[0].mean(axis=(2, 3))
             found = np.where(np.isfinite(found), found, np.inf)
             pick = found.argmin(axis=1)
             for level, point in enumerate(pick):
@@ -254,7 +255,7 @@ def _cell(entries: Mapping[str, Entry], setting: paper.Setting, level: int) -> C
 
 
 def _mean(values: np.ndarray) -> tuple[float, float, float]:
-    return float(np.mean(values)), *mean_interval(values, seed=0)
+    return float(np.mean(values)), *interval(values, MEAN, seed=0)
 
 
 def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> tuple[float, float, float]:
@@ -263,10 +264,10 @@ def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> tuple[float, float
     def statistic(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
         return np.mean(a, axis=axis) / np.mean(b, axis=axis)
 
-    interval = stats.bootstrap(
+    found = stats.bootstrap(
         (numerator, denominator), statistic, paired=True, vectorized=True, rng=np.random.default_rng(0)
     ).confidence_interval
-    return float(statistic(numerator, denominator)), float(interval.low), float(interval.high)
+    return float(statistic(numerator, denominator)), float(found.low), float(found.high)
 
 
 def _verdict(cell: Cell) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from tuning.build import build_estimator
 from tuning.figures import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, save
 from tuning.grid import Grid
-from tuning.problem import Problem, scenario_keys
+from tuning.problem import Problem, Scenario, draw_scenarios
 from tuning.reproduce.report import Report, Row
 from tuning.resources import example_path
 from tuning.study import Study, load_study
@@ -54,8 +54,8 @@ class _Run:
 
 def _run(study: Study, scenario: int = 0) -> _Run:
     problem = Problem(study)
-    key = scenario_keys(study, "train", scenario + 1)[scenario]
-    truth, recording = problem.record(key, problem.given)
+    drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, "train", 1, scenario))
+    truth, recording = problem.record(drawn, problem.given)
     return _Run(truth, recording, jax.jit(experiment.estimate)(build_estimator(study), recording))
 
 
@@ -113,7 +113,7 @@ def _table_rows(name: str, scores: dict[str, np.ndarray]) -> list[Row]:
 def _reference_rows() -> list[Row]:
     """Return the median over the very draws of the independent reproduction, and over many more of the same."""
     problem = Problem(_study())
-    truth, silent = problem.record(jax.random.key(0), problem.given)
+    truth, silent = problem.record(Scenario(jax.random.key(0), {}), problem.given)
     std, clean = float(problem.study.sensing.motor_torque.noise_std), truth.motion.motor_torque  # pyright: ignore
 
     def msrep(noise: jax.Array) -> jax.Array:

@@ -43,12 +43,14 @@ class Sensor(eqx.Module):
 
     Args:
         delay: [s]; the signal is held at its first value before it.
+        gain: reading per true value, e.g. of a torque constant that is off; it acts before the bias.
         bias: [unit of the signal].
         noise_std: [unit of the signal].
         encoder: the quantisation, or `None`.
     """
 
     delay: Scalar | None = eqx.field(converter=optional_leaf, default=None)
+    gain: Scalar | None = eqx.field(converter=optional_leaf, default=None)
     bias: Scalar | None = eqx.field(converter=optional_leaf, default=None)
     noise_std: Scalar | None = eqx.field(converter=optional_leaf, default=None)
     encoder: Encoder | None = None
@@ -57,6 +59,8 @@ class Sensor(eqx.Module):
         """Return what the sensor reads of `signal` at `time` [s]."""
         if self.delay is not None:
             signal = jnp.interp(time - self.delay, time, signal)
+        if self.gain is not None:
+            signal = self.gain * signal
         if self.bias is not None:
             signal = signal + self.bias
         if self.noise_std is not None:

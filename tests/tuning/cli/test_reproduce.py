@@ -33,3 +33,27 @@ def test_the_serial_paper_is_reproduced_with_its_figures(vsajax, tmp_path):
     for path in result["figures"]:
         with open(path, "rb") as picture:
             assert picture.read(4) == b"\x89PNG"
+
+
+@pytest.mark.slow
+@pytest.mark.cli
+@pytest.mark.parametrize(
+    ("paper", "words", "pictures"),
+    [
+        ("antagonistic", ("chosen step", "T1 residual", "d.o.f.", "Legendre"), ["fig2", "fig3", "wind"]),
+        ("duel", ("R1: tuned residual over tuned algebraic", "R2, 1 mrad"), ["duel"]),
+    ],
+)
+def test_the_antagonistic_paper_and_the_duel_are_reproduced(paper, words, pictures, vsajax, tmp_path):
+    ended = vsajax("reproduce", paper, "-o", tmp_path, "--json")
+    assert (ended.code, ended.err) == (0, "")
+    result = json.loads(ended.out)
+    assert (result["study"], result["ok"]) == (paper, True)
+    names = " ".join(row["name"] for row in result["rows"])
+    for text in words:
+        assert text in names
+    assert [path.rsplit("/", 1)[1][:4] for path in result["figures"]] == pictures
+    if paper == "duel":
+        # Three excitations at six levels, each with a verdict, and the table beside the picture.
+        assert len(result["findings"]) == 18
+        assert len((tmp_path / "duel" / "duel.csv").read_text().splitlines()) == 19

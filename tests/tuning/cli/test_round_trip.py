@@ -13,7 +13,7 @@ from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, tiny_tuning
 from tuning.judging import judge
 from tuning.log_files import read_log_file, write_table
 from tuning.resources import CONFIGS
-from tuning.study import load_config, load_study, resolved, study_hash, to_toml
+from tuning.study import Tune, load_config, load_study, resolved, study_hash, to_toml
 from tuning.sweep import Forecast, GridSweep
 from tuning.tune import Search
 from vsajax import Scores
@@ -106,6 +106,7 @@ def test_a_recording_is_simulated_estimated_and_scored_in_either_form(vsajax, tm
             "picture": str(recording.with_suffix(".png")),
             "samples": 201,
             "substeps": 3,
+            "robot": None,
         }
         log = read_log_file(recording)
         assert sorted(log.names) == sorted(["time", *MEASURED, "true_stiffness", "true_elastic_torque"])
@@ -198,7 +199,7 @@ def test_a_study_is_tuned_and_the_best_is_exported(vsajax, tiny, tmp_path, monke
     assert result["held_out"]["mean"] < result["before_on_held_out"]["mean"]
     best = load_study(tmp_path / "tune" / "best.toml")
     assert best.provenance["held_out"]["mean"] == result["held_out"]["mean"]
-    kept = judge({name: np.full(5, 2.0) for name in Scores._fields} | {"diverged": np.zeros(5)}, "msrep", seed=0)
+    kept = judge({name: np.full(5, 2.0) for name in Scores._fields} | {"diverged": np.zeros(5)}, Tune(), seed=0)
     monkeypatch.setattr(Search, "judge", lambda *_: kept)
     again = vsajax(*words, "--resume")
     assert again.code == 0

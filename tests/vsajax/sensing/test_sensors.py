@@ -53,6 +53,11 @@ def test_delay_shows_the_past_and_holds_the_first_value():
 
 
 @pytest.mark.analytic
+def test_gain_acts_before_the_bias():
+    signal = jnp.sin(TIME)
+    np.testing.assert_allclose(Sensor(gain=1.5, bias=0.2)(TIME, signal, key=KEY), 1.5 * signal + 0.2, rtol=1e-15)
+
+
 def test_bias_adds_up_before_quantisation():
     signal = jnp.linspace(-1.0, 1.0, 501)
     encoder = Encoder(1024.0)

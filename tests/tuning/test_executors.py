@@ -1,0 +1,273 @@
+"""The same chunks wherever they are computed, and whatever happens to those who compute them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from contextlib import closing
+from importlib import import_module, util
+from pathlib import Path
+
+import click
+import distributed
+import psutil
+import pytest
+
+from tests.tuning.builders import NOISE, PRIOR, SERIAL, SMALL, TINY, tiny_serial
+from tuning import executors, sweep, work
+from tuning.cli.options import executor_for
+from tuning.errors import InputError
+from tuning.executors import DaskExecutor, Executor, Inline, SlurmExecutor, complete
+from tuning.store import RunStore
+from tuning.sweep import GridSweep
+from tuning.work import planner_of, run_chunk, run_share, spec_of
+
+POINTS = 16
+AXES = {PRIOR: [0.1 * (i + 1) for i in range(POINTS)], NOISE: [0.01, 0.03]}
+
+
+@pytest.fixture
+def planned(monkeypatch, request) -> GridSweep:
+    """A sweep of one point a chunk; in slow tests, each takes a worker about a tenth of a second."""
+    monkeypatch.setattr(sweep, "_STEPS_PER_CHUNK", 1.0)
+    slow = request.node.get_closest_marker("slow") is not None
+    planned = GridSweep(tiny_serial(f"clock.duration={4.0 if slow else 0.2}"), AXES, 256 if slow else 2)
+    assert len(planned.chunks) == POINTS
+    return planned
+
+
+@pytest.fixture
+def straight(planned, tmp_path) -> dict[str, bytes]:
+    """What this process computes by itself, by file."""
+    store = planned.open(tmp_path / "straight", resume=False)
+    complete(store, Inline(), "straight")
+    return held_in(store.folder)
+
+
+def held_in(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.rglob("*.parquet")}
+
+
+class HookedStore(RunStore):
+    """A store that does something once it holds its first chunk."""
+
+    def write_chunk(self, chunk, columns):
+        super().write_chunk(chunk, columns)
+        if self.manifest["hooks"]:
+            self.manifest["hooks"].pop()()
+
+
+def hooked(planned: GridSweep, folder: Path, hook: Callable[[], None]) -> HookedStore:
+    store = planned.open(folder, resume=False)
+    return HookedStore(folder, {**store.manifest, "hooks": [hook]})
+
+
+def workers() -> list[psutil.Process]:
+    """Return the processes that compute for this one."""
+    of_workers = ("spawn_main", "submitit.core._submit")
+    offspring = psutil.Process().children(recursive=True)
+    return [process for process in offspring if any(name in " ".join(process.cmdline()) for name in of_workers)]
+
+
+def kill_workers() -> None:
+    found = workers()
+    assert found
+    for process in found:
+        process.kill()
+
+
+@pytest.mark.equivalence
+@pytest.mark.parametrize("kind", ["dask", "submitit"])
+def test_workers_give_the_bytes_of_a_run_in_one_process(planned, straight, tmp_path, kind):
+    run = tmp_path / kind
+    executor = DaskExecutor(2) if kind == "dask" else SlurmExecutor(run / "jobs", 2, "local")
+    store = planned.open(run, resume=False)
+    assert complete(store, executor, kind) == run / "results.parquet"
+    assert held_in(run) == straight
+    assert sorted(path.name for path in run.iterdir()) == ["chunks", "manifest.json", "results.parquet"]
+    assert workers() == []
+
+
+@pytest.mark.equivalence
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["dask", "submitit"])
+def test_workers_that_are_killed_cost_nothing_but_time(planned, straight, tmp_path, kind):
+    run = tmp_path / kind
+    executor = DaskExecutor(2) if kind == "dask" else SlurmExecutor(run / "jobs", 2, "local")
+    store = hooked(planned, run, kill_workers)
+    complete(store, executor, kind)
+    assert store.manifest["hooks"] == []
+    assert held_in(run) == straight
+    assert workers() == []
+
+
+@pytest.mark.equivalence
+def test_a_scheduler_that_runs_already_is_used_and_left_running(planned, straight, tmp_path):
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        executor = DaskExecutor(scheduler=cluster.scheduler_address)
+        complete(planned.open(tmp_path / "run", resume=False), executor, "dask")
+        assert held_in(tmp_path / "run") == straight
+        assert len(workers()) == 1
+
+
+@pytest.mark.failure
+@pytest.mark.slow
+def test_a_chunk_that_ends_every_worker_ends_the_run_which_can_be_resumed(
+    planned, straight, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(executors, "_LOSSES", 0)
+    run = tmp_path / "run"
+    with pytest.raises(InputError, match=r"chunk 0000\d\d: 1 Dask workers were lost.*\n.*--resume"):
+        complete(hooked(planned, run, kill_workers), DaskExecutor(2), "dask")
+    assert workers() == []
+    assert not (run / "results.parquet").exists()
+    complete(planned.open(run, resume=True), Inline(), "inline")
+    assert held_in(run) == straight
+
+
+@pytest.mark.failure
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "", "carrier://pigeon:1"])
+def test_a_scheduler_that_is_not_there_is_named(planned, tmp_path, monkeypatch, address):
+    monkeypatch.setattr(executors, "_CONNECT_WITHIN", 0.5)
+    with pytest.raises(InputError, match=rf"scheduler {address}: cannot be reached \(.+\)\n.*--resume"):
+        complete(planned.open(tmp_path / "run", resume=False), DaskExecutor(scheduler=address), "dask")
+
+
+@pytest.mark.failure
+def test_jobs_that_end_without_a_chunk_are_given_up_and_their_log_is_named(tmp_path):
+    spec = json.dumps({"command": "nothing", "study": {}, "plan": {}, "xla_flags": os.environ["XLA_FLAGS"]})
+    with pytest.raises(InputError) as caught:
+        list(SlurmExecutor(tmp_path / "jobs", 1, "local").compute(spec, ["a", "b"]))
+    (mistake,) = caught.value.mistakes
+    assert mistake.problem == "3 jobs in a row ended without a chunk; the last: KeyError: 'nothing'"
+    assert "KeyError: 'nothing'" in Path(mistake.place).read_text()
+
+
+@pytest.mark.slow
+def test_closing_an_executor_stops_its_workers(planned, tmp_path):
+    store = planned.open(tmp_path / "run", resume=False)
+    for executor in (DaskExecutor(2), SlurmExecutor(tmp_path / "jobs", 2, "local")):
+        with closing(executor.compute(spec_of(store.manifest), planned.chunks)) as results:
+            next(results)
+            assert workers()
+        assert workers() == []
+
+
+def test_an_interrupt_while_workers_start_is_neither_lost_nor_theirs():
+    masks = []
+
+    def start():
+        with executors._interrupts_held():
+            os.kill(os.getpid(), signal.SIGINT)
+            masks.append(signal.pthread_sigmask(signal.SIG_BLOCK, []))
+
+    with pytest.raises(KeyboardInterrupt):
+        start()
+    assert signal.SIGINT in masks[0]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+class Refusing:
+    """Computes nothing."""
+
+    def compute(self, spec, chunks):
+        raise AssertionError(f"was asked for {chunks} of {spec}")
+
+
+def test_a_finished_run_asks_no_executor(planned, straight, tmp_path):
+    store = planned.open(tmp_path / "straight", resume=True)
+    (store.folder / "results.parquet").unlink()
+    executor: Executor = Refusing()
+    complete(store, executor, "again")
+    assert held_in(store.folder) == straight
+
+
+@pytest.mark.contract
+@pytest.mark.parametrize("command", sorted(work._PLANNERS))
+def test_what_a_command_computes_can_be_found_by_its_name(command):
+    module, _, name = work._PLANNERS[command].partition(":")
+    planner = getattr(import_module(module), name)
+    assert {"from_plan", "run_chunk", "chunks"} <= set(dir(planner))
+
+
+def test_another_process_finds_the_same_chunks_with_another_constant(planned, tmp_path, monkeypatch):
+    manifest = json.loads((planned.open(tmp_path, resume=False).folder / "manifest.json").read_text())
+    monkeypatch.setattr(sweep, "_STEPS_PER_CHUNK", 1.0e8)
+    spec = spec_of(manifest)
+    found = planner_of(spec)
+    assert found.chunks == planned.chunks == manifest["chunks"]
+    assert (found.study, found.plan) == (planned.study, planned.plan)
+    # A process plans, and compiles, once.
+    assert planner_of(spec) is found
+
+
+def test_a_worker_computes_under_the_flags_of_the_run(planned, tmp_path, monkeypatch):
+    flags = os.environ["XLA_FLAGS"]
+    spec = spec_of(planned.open(tmp_path, resume=False).manifest)
+    started = []
+    monkeypatch.setattr(work.runtime, "start_jax", lambda: started.append(os.environ["XLA_FLAGS"]))
+    monkeypatch.setenv("XLA_FLAGS", "--others")
+    columns = run_chunk(spec, planned.chunks[1])
+    assert started == [flags]
+    assert set(columns[PRIOR]) == {0.2}
+
+
+def test_a_share_is_taken_up_where_it_was_left(planned, tmp_path, monkeypatch):
+    spec = spec_of(planned.open(tmp_path / "run", resume=False).manifest)
+    asked = []
+    monkeypatch.setattr(work, "run_chunk", lambda _, chunk: asked.append(chunk) or {"x": [1.0]})
+    run_share(spec, ["000001"], str(tmp_path / "share"))
+    run_share(spec, planned.chunks[:3], str(tmp_path / "share"))
+    assert asked == ["000001", "000000", "000002"]
+
+
+def test_the_options_choose_the_executor(tmp_path, monkeypatch):
+    monkeypatch.setattr(executors.shutil, "which", lambda _: "/usr/bin/sbatch")
+    assert executor_for(None, None, None, tmp_path) == Inline()
+    assert executor_for("inline", None, None, tmp_path) == Inline()
+    assert executor_for(None, 3, None, tmp_path) == executor_for("dask", 3, None, tmp_path) == DaskExecutor(3)
+    assert executor_for("dask", None, None, tmp_path).workers >= 1
+    assert executor_for(None, None, "tcp://a:1", tmp_path).scheduler == "tcp://a:1"
+    assert executor_for("slurm", 4, None, tmp_path) == SlurmExecutor(tmp_path / "jobs", 4)
+
+
+@pytest.mark.failure
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("inline", 2, None), "--executor inline has no --workers"),
+        (("inline", None, "tcp://a:1"), "--scheduler brings its own workers: it does not go with inline"),
+        (("slurm", 2, "tcp://a:1"), "it does not go with --workers"),
+        ((None, 2, "tcp://a:1"), "it does not go with --workers"),
+        (("slurm", None, None), "--executor slurm needs --workers"),
+    ],
+)
+def test_options_that_contradict_one_another_are_refused(tmp_path, options, said):
+    with pytest.raises(click.UsageError, match=said):
+        executor_for(*options, tmp_path)
+
+
+@pytest.mark.cli
+@pytest.mark.failure
+def test_what_is_missing_for_an_executor_is_named_before_anything_is_written(vsajax, tmp_path, monkeypatch):
+    words = ("sweep", SERIAL, "-o", tmp_path / "run", "--grid", f"{PRIOR}=1,2", *sets())
+    monkeypatch.setattr(executors.shutil, "which", lambda _: None)
+    ended = vsajax(*words, "--executor", "slurm", "--workers", 2)
+    assert (ended.code, ended.out) == (2, "")
+    assert "found no sbatch here" in ended.err
+    monkeypatch.setattr(util, "find_spec", lambda _: None)
+    for options, package in (
+        (("--workers", 2), "distributed"),
+        (("--executor", "slurm", "--workers", 2), "submitit"),
+    ):
+        ended = vsajax(*words, *options)
+        assert (ended.code, ended.out) == (2, "")
+        assert f"{package}: is not installed\n    fix: pip install 'vsajax[cluster]'" in ended.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def sets() -> list[str]:
+    return [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]

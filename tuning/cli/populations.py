@@ -1,0 +1,139 @@
+"""Monte Carlo runs over a population of robots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tuning.cli.options import (
+    JSON,
+    QUIET,
+    RESUME,
+    RUN,
+    SEED,
+    SETTINGS,
+    STUDY,
+    emit,
+    executor_for,
+    table,
+    with_executor,
+    with_seed,
+)
+
+if TYPE_CHECKING:
+    from tuning.robustness import Summary
+
+
+@click.command(epilog="Example: vsajax montecarlo serial-population.toml -o runs/population --scenarios 20000")
+@STUDY
+@RUN
+@click.option("--scenarios", type=click.IntRange(min=2), default=4096, show_default=True, help="Robots.")
+@click.option(
+    "--precision",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Stop once the 95 % quantile's interval is within this share of it.",
+)
+@click.option(
+    "--sensitivity",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Rows of a design for Sobol indices, a power of two; each costs factors + 3 scenarios.",
+)
+@click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="Worst cases to list.")
+@click.option("--dry-run", is_flag=True, help="Time one chunk; print chunks, memory and time; write nothing.")
+@with_executor
+@SETTINGS
+@SEED
+@RESUME
+@JSON
+@QUIET
+def montecarlo(
+    study: Path,
+    folder: Path,
+    scenarios: int,
+    precision: float | None,
+    sensitivity: int,
+    worst: int,
+    dry_run: bool,
+    executor: str | None,
+    workers: int | None,
+    scheduler: str | None,
+    settings: tuple[str, ...],
+    seed: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Score the estimator of STUDY over its [population]: quantiles, failure probabilities, what matters."""
+    from tuning.errors import input_error
+    from tuning.study import load_study
+
+    loaded = load_study(study, with_seed(settings, seed))
+    if sensitivity & (sensitivity - 1):
+        below = 1 << (sensitivity.bit_length() - 1)
+        raise input_error("--sensitivity", f"got {sensitivity}", f"allowed: powers of two, e.g. {below}")
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.montecarlo import MonteCarlo, forecast, run_population
+    from tuning.population_figures import draw_population
+    from tuning.robustness import write_summary
+
+    run, design = MonteCarlo(loaded, scenarios), MonteCarlo(loaded, scenarios, sensitivity)
+    if dry_run:
+        extra = f" and {design.size} of the design" if sensitivity else ""
+        foreseen = forecast(run)
+        if sensitivity:
+            foreseen["run_time"] *= 1.0 + len(design.chunks) / len(run.chunks)
+        emit(
+            foreseen,
+            as_json=as_json,
+            quiet=quiet,
+            text=f"{scenarios} robots{extra}, {len(run.chunks)} chunks\n"
+            f"memory {foreseen['memory'] / 2**30:.2f} GiB, compile {foreseen['compile_time']:.1f} s, "
+            f"run {foreseen['run_time']:.1f} s (from one timed chunk; nothing written)",
+        )
+        return
+    summary = run_population(
+        run,
+        folder,
+        executor_for(executor, workers, scheduler, folder),
+        rows=sensitivity,
+        precision=precision,
+        worst=worst,
+        resume=resume,
+        quiet=quiet,
+    )
+    write_summary(summary, folder / "summary.json")
+    pictures = draw_population(folder, loaded, summary)
+    emit(
+        {"run": folder, "results": folder / "results.parquet", "pictures": pictures} | summary.as_tables(),
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: _text(summary, study, folder, loaded.tune.objective, pictures),
+    )
+
+
+def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures: list[Any]) -> str:
+    levels = list(next(iter(summary.quantiles.values())))
+    rows = [
+        [metric, *(f"{q.value:.4g} [{q.low:.4g}, {q.high:.4g}]" for q in quantiles.values())]
+        for metric, quantiles in summary.quantiles.items()
+        if metric in {"msrep", "msrep_settled", "mse_settled", "convergence_time", "known_time", "coverage"}
+    ]
+    lines = [
+        f"{summary.scenarios} robots; quantiles with their 95 % intervals:",
+        table(["metric", *(f"{100 * level:g} %" for level in levels)], rows),
+        *summary.sentences,
+    ]
+    if summary.worst:
+        numbers = ", ".join(map(str, summary.worst))
+        lines.append(
+            f"worst by {objective}: {numbers}; replay one: vsajax simulate {study} --scenario {summary.worst[0]}"
+        )
+    return "\n".join(
+        [*lines, f"wrote {folder / 'results.parquet'}, summary.json and {', '.join(map(str, pictures))}"]
+    )

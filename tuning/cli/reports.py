@@ -1,0 +1,45 @@
+"""Reports on finished runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from tuning.cli.options import JSON, QUIET, emit, output_file
+
+
+@click.command(epilog="Example: vsajax report runs/population -o report.html")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("other", metavar="[RUN2]", type=click.Path(path_type=Path), required=False)
+@output_file("report.html")
+@JSON
+@QUIET
+def report(run: Path, other: Path | None, output: Path, as_json: bool, quiet: bool) -> None:
+    """Write what a finished RUN shows as one HTML file; with RUN2, how the two differ."""
+    from tuning.errors import input_error
+
+    if output.is_dir():
+        raise input_error(output, "is a folder", "name a file with -o, e.g. report.html")
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.report.compose import report_pair, report_run
+    from tuning.report.gather import check_comparable, open_finished
+    from tuning.store import write_text
+
+    runs = [open_finished(folder) for folder in (run, other) if folder is not None]
+    if len(runs) == 2:
+        check_comparable(*runs)
+        page = report_pair(*runs)
+    else:
+        page = report_run(runs[0])
+    text = page.html()
+    write_text(output, text)
+    size = len(text.encode())
+    emit(
+        {"report": output, "headline": page.headline, "pictures": len(page.pictures), "bytes": size},
+        as_json=as_json,
+        quiet=quiet,
+        text=f"{page.headline}\nwrote {output} ({len(page.pictures)} pictures, {size / 1e6:.1f} MB)",
+    )

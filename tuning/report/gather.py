@@ -1,0 +1,279 @@
+"""What a finished run folder says: its study, its scores by scenario, and the estimators it stands for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from tuning.compare import contenders
+from tuning.errors import InputError, input_error
+from tuning.grid import Grid
+from tuning.montecarlo import MonteCarlo
+from tuning.population import METRICS
+from tuning.problem import Problem, Status, Stream
+from tuning.robustness import Columns, Influence, Interval, Summary, summarise
+from tuning.store import read_table
+from tuning.study import Study, load_config, load_study, parse_study, study_hash, with_numbers
+from tuning.sweep import rank
+
+COMMANDS = ("montecarlo", "sweep", "tune", "compare")
+_WORST = 5
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """An estimator that a run has scored.
+
+    Args:
+        name: its label.
+        study: the study with this estimator and its numbers; `None` where the run does not hold it.
+        scores: `(scenario,)` by metric; NaN in a scenario without scores.
+    """
+
+    name: str
+    study: Study | None
+    scores: Columns
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """A finished run.
+
+    Args:
+        folder: its folder.
+        manifest: its manifest.
+        study: what it ran on.
+    """
+
+    folder: Path
+    manifest: Mapping[str, Any]
+    study: Study
+
+    @property
+    def command(self) -> str:
+        """The command that ran."""
+        return self.manifest["command"]
+
+    @property
+    def objective(self) -> str:
+        """The metric that the run is about."""
+        return self.study.tune.objective
+
+    @property
+    def stream(self) -> Stream:
+        """The scenarios on which the report shows traces."""
+        return "population" if self.command == "montecarlo" else "held_out"
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns of the run's results."""
+        return _columns(self.folder / "results.parquet")
+
+    @cached_property
+    def summary(self) -> Summary:
+        """What a Monte Carlo run says: as it was written, or computed again where it is missing."""
+        path = self.folder / "summary.json"
+        if path.is_file():
+            return _read_summary(path)
+        beside = self.folder / "design" / "results.parquet"
+        design = _columns(beside) if beside.is_file() else None
+        factors = MonteCarlo(self.study, self.columns["status"].size).factors
+        return summarise(self.columns, design, self.study.population, factors, self.objective, _WORST)
+
+    @cached_property
+    def axes(self) -> dict[str, list[float]]:
+        """The axes of a sweep."""
+        return {path: list(values) for path, values in self.manifest["plan"]["axes"].items()}
+
+    @cached_property
+    def ranking(self) -> list[dict[str, float]]:
+        """The configurations of a sweep, best first."""
+        return rank(read_table(self.folder / "results.parquet"), list(self.axes), self.objective)
+
+    @cached_property
+    def contestants(self) -> list[Contestant]:
+        """What was scored: the population, a sweep's best, a study before and after tuning, or all compared."""
+        return _CONTESTANTS[self.command](self)
+
+    @cached_property
+    def best(self) -> Contestant:
+        """The contestant with the lowest objective; of a search, what it found."""
+        if self.command != "compare":
+            return self.contestants[-1]
+        statistic = self.study.tune.statistic
+
+        def value(one: Contestant) -> float:
+            scores = one.scores[self.objective]
+            finite = scores[np.isfinite(scores)]
+            return float(statistic.of(finite)) if finite.size else np.inf
+
+        return min(self.contestants, key=value)
+
+
+def open_finished(folder: Path) -> FinishedRun:
+    """Return a finished run.
+
+    Raises:
+        InputError: the folder holds no run, or one that is not finished.
+    """
+    where = f"name a folder that {', '.join(COMMANDS[:-1])} or {COMMANDS[-1]} has written (-o)"
+    path = folder / "manifest.json"
+    if not folder.is_dir():
+        raise input_error(folder, "is no folder" if folder.exists() else "no such folder", where)
+    if not path.is_file():
+        raise input_error(folder, "is no run folder: it holds no manifest.json", where)
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        command, study, plan = manifest["command"], manifest["study"], manifest["plan"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise input_error(path, f"cannot be read as a manifest ({error!r})", where) from None
+    if command not in COMMANDS:
+        raise input_error(folder, f"holds a run of {command!r}", where)
+    if command == "montecarlo" and plan.get("rows"):
+        raise input_error(folder, "holds the design of a run, not the run", f"name {folder.resolve().parent}")
+    run = FinishedRun(folder, manifest, parse_study(study, f"{path}: study"))
+    missing = _missing(run)
+    if missing:
+        fix = f"go on with vsajax {command} and the same options, with --resume"
+        raise input_error(folder, f"holds an unfinished run: {missing}", fix)
+    return run
+
+
+def check_comparable(first: FinishedRun, second: FinishedRun) -> None:
+    """Check that two runs can be reported on together.
+
+    Raises:
+        InputError: they are one, or of different commands.
+    """
+    if first.folder.resolve() == second.folder.resolve():
+        raise input_error(second.folder, "is named twice", "name another run, or this one alone")
+    if first.command != second.command:
+        raise input_error(
+            second.folder,
+            f"holds a run of {second.command}, but {first.folder} one of {first.command}",
+            "report on two runs of one command, or on each by itself",
+        )
+
+
+def is_paired(first: FinishedRun, second: FinishedRun) -> bool:
+    """Return whether scenario i is the same robot with the same noise in both runs."""
+    return (
+        first.command == second.command
+        and first.study.seed == second.study.seed
+        and first.study.population == second.study.population
+    )
+
+
+def _missing(run: FinishedRun) -> str:
+    results = run.folder / "results.parquet"
+    if not results.is_file():
+        return "it has no results.parquet"
+    if run.command == "tune" and not (run.folder / "best.toml").is_file():
+        return "it has no best.toml"
+    # One that was to stop at some precision is joined before it is done, but summed up only then.
+    is_whole = run.command != "montecarlo" or (run.folder / "summary.json").is_file()
+    if not is_whole and pq.read_metadata(results).num_rows < run.manifest["plan"]["scenarios"]:
+        return "some of its scenarios are missing"
+    return ""
+
+
+def _columns(path: Path) -> dict[str, np.ndarray]:
+    table = read_table(path)
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def _metrics(columns: Columns, rows: np.ndarray) -> dict[str, np.ndarray]:
+    return {name: columns[name][rows] for name in METRICS if name in columns}
+
+
+def _population(run: FinishedRun) -> list[Contestant]:
+    counted = run.columns["status"] == Status.OK
+    every = np.arange(counted.size)
+    scores = {name: np.where(counted, v, np.nan) for name, v in _metrics(run.columns, every).items()}
+    return [Contestant(run.study.name, run.study, scores)]
+
+
+def _swept(run: FinishedRun) -> list[Contestant]:
+    first = run.ranking[0]
+    rows = np.flatnonzero(run.columns["configuration"] == first["configuration"])
+    rows = rows[np.argsort(run.columns["scenario"][rows])]
+    values = {path: first[path] for path in run.axes}
+    study = with_numbers(run.study, values, f"{run.folder}: best configuration")
+    return [Contestant("best configuration", study, _metrics(run.columns, rows))]
+
+
+def _tuned(run: FinishedRun) -> list[Contestant]:
+    studies = {"before": run.study, "tuned": load_study(run.folder / "best.toml")}
+    return [Contestant(name, study, _score(study)) for name, study in studies.items()]
+
+
+def _score(study: Study) -> dict[str, np.ndarray]:
+    """Score a study on its held-out scenarios again: a search keeps only their statistics."""
+    scores = Grid(Problem(study), {}, study.scenarios.held_out, "held_out").evaluate(np.empty((1, 0)))
+    return _metrics({name: score[0, 0] for name, score in scores.items()}, np.arange(study.scenarios.held_out))
+
+
+def _compared(run: FinishedRun) -> list[Contestant]:
+    names = list(run.manifest["plan"])
+    found = []
+    for place, name in enumerate(names):
+        rows = np.flatnonzero(run.columns["configuration"] == name)
+        study = run.study if place == 0 else _load_contender(run, name)
+        found.append(Contestant(short_names(names)[place], study, _metrics(run.columns, rows)))
+    return found
+
+
+def _load_contender(run: FinishedRun, name: str) -> Study | None:
+    """Return a contender from its file, if that is still what was compared."""
+    try:
+        study = contenders({name: load_config(Path(name))}, run.study, str(run.folder))[name]
+    except InputError:
+        return None
+    return study if study_hash(study) == run.manifest["plan"][name] else None
+
+
+_CONTESTANTS = {"montecarlo": _population, "sweep": _swept, "tune": _tuned, "compare": _compared}
+
+
+def short_names(names: list[str]) -> list[str]:
+    """Return the shortest ends of some file or folder names that tell them apart."""
+    parts = [Path(name).parts for name in names]
+    for size in range(1, max(map(len, parts)) + 1):
+        found = [str(Path(*each[-size:])) for each in parts]
+        if len(set(found)) == len(found):
+            return found
+    return names
+
+
+def _read_summary(path: Path) -> Summary:
+    """Return a written summary; numbers that JSON lacks are text there."""
+
+    def interval(table: Mapping[str, Any]) -> Interval:
+        return Interval(**{name: float(value) for name, value in table.items()})
+
+    try:
+        tables = json.loads(path.read_text(encoding="utf-8"))
+        return Summary(
+            **tables
+            | {
+                "quantiles": {
+                    metric: {float(level): interval(q) for level, q in levels.items()}
+                    for metric, levels in tables["quantiles"].items()
+                },
+                "failures": {name: interval(p) for name, p in tables["failures"].items()},
+                "correlations": {name: interval(c) for name, c in tables["correlations"].items()},
+                "influences": {
+                    name: Influence(interval(i["first"]), interval(i["total"]))
+                    for name, i in tables["influences"].items()
+                },
+            }
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise input_error(path, f"cannot be read ({error!r})", "--resume writes it again") from None

@@ -1,0 +1,106 @@
+"""The report on a Monte Carlo run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tuning.population_figures import draw_influences, draw_spread
+from tuning.problem import Status
+from tuning.report import pictures, tables
+from tuning.report.elements import SHOWN, Parts, medians_of, show_band, show_causes
+from tuning.report.gather import FinishedRun
+from tuning.report.page import Picture, number
+from tuning.report.pictures import UNITS, short_paths, short_rows
+from tuning.report.replay import replay
+from tuning.robustness import has_failed
+
+
+def describe_population(run: FinishedRun) -> Parts:
+    """Return what there is to say of a population."""
+    summary, definitions = run.summary, run.study.population.failures
+    first, *rest = summary.sentences
+    failing = [one for one in rest if any(one.startswith(f"{name} (") for name in summary.failures)]
+    sentences = [f"{summary.scenarios} robots: {first}", *(["; ".join(failing)] if failing else [])]
+    found = [
+        tables.tabulate_quantiles(summary),
+        tables.tabulate_failures(summary, definitions),
+        tables.tabulate_influences(summary, run.objective),
+    ]
+    return Parts(
+        headline=" ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in sentences),
+        pictures=_population_pictures(run),
+        tables=[table for table in found if table.rows],
+        findings=[one for one in rest if one not in failing],
+    )
+
+
+def _population_pictures(run: FinishedRun) -> Iterator[Picture]:
+    summary, objective, paths = run.summary, run.objective, run.study.population.paths
+    columns, counted = run.columns, run.columns["status"] == Status.OK
+    shown = min(SHOWN, counted.size)
+    traces = replay(run.study, run.stream, [*range(shown), *summary.worst])
+    yield show_band(traces.part(slice(0, shown)), "True and estimated stiffness", run)
+    if summary.worst:
+        titles = [_case_title(columns, scenario, objective) for scenario in summary.worst]
+        yield Picture(
+            "The worst robots",
+            pictures.draw_cases(traces.part(slice(shown, None)), titles),
+            f"The {len(titles)} robots with the largest {objective}, over time; grey: not known.",
+            f"Stiffness over time, one panel each: {'; '.join(titles)}.",
+        )
+    rows = {name: values[counted] for name, values in columns.items()}
+    q = summary.quantiles[objective]
+    yield Picture(
+        "How the scores are spread",
+        draw_spread(rows, run.study, summary, across=1),
+        f"{int(counted.sum())} of {counted.size} robots have scores.",
+        f"Distribution of {UNITS[objective]} and of the convergence time; "
+        f"median {number(q[0.5].value)}, 95 % quantile {number(q[0.95].value)}.",
+    )
+    if summary.influences:
+        ranked = sorted(summary.influences.items(), key=lambda item: -item[1].total.value)
+        yield Picture(
+            "What moves the score",
+            draw_influences(replace(summary, influences=_short_keys(dict(ranked))), objective),
+            "Sobol indices. The sum of those with interactions may exceed 100 %.",
+            "Bars: "
+            + ", ".join(f"{name} {100 * i.total.value:.0f} %" for name, i in ranked)
+            + ", with interactions.",
+        )
+    if paths:
+        yield show_causes(*short_rows(rows, paths), objective)
+    if summary.failures or not counted.all():
+        yield _by_failure(run)
+
+
+def _short_keys(table: dict[str, Any]) -> dict[str, Any]:
+    return dict(zip(short_paths(list(table)), table.values(), strict=True))
+
+
+def _case_title(columns: dict[str, np.ndarray], scenario: int, objective: str) -> str:
+    (row,) = np.flatnonzero(columns["scenario"] == scenario)
+    status = Status(int(columns["status"][row]))
+    score = f"{objective} {number(float(columns[objective][row]))} %" if status == Status.OK else status.reason
+    return f"robot {scenario}: {score}"
+
+
+def _by_failure(run: FinishedRun) -> Picture:
+    columns, objective = run.columns, run.objective
+    status = columns["status"]
+    scores = np.where(status == Status.OK, columns[objective], np.nan)
+    groups = {"all": scores}
+    for name, text in run.study.population.failures.items():
+        failed = has_failed(columns, name, text)
+        groups |= {f"{name}: fails": scores[failed], f"{name}: holds": scores[~failed]}
+    groups |= {s.reason: scores[status == s] for s in Status if s != Status.OK and np.any(status == s)}
+    groups = {name: values for name, values in groups.items() if values.size}
+    return Picture(
+        "Scores by failure and ending",
+        pictures.draw_shares(groups, objective),
+        "In brackets: robots. A curve ends below 100 % by the share that has no finite score.",
+        f"Distributions of {UNITS[objective]} by group: {medians_of(groups)}.",
+    )

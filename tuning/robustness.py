@@ -1,0 +1,241 @@
+"""What a population's scores say: quantiles, failure probabilities, what moves them, and the worst cases.
+
+All intervals are of 95 %. Scenarios that did not run to an end have no scores: they are counted by reason, left
+out of the quantiles, and count as failures.
+"""
+
+from __future__ import annotations
+
+import json
+import operator
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from tuning.population import METRICS, Population, parse_failure
+from tuning.problem import Status
+from tuning.store import write_text
+
+LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+_COMPARE = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+_MATTERS = 0.05
+"""Share of the variance from which a factor is said to matter."""
+Columns = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate with its 95 % interval.
+
+    Args:
+        value: the estimate.
+        low: lower end.
+        high: upper end; with `low` NaN where the data do not suffice.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Influence:
+    """How a factor moves a metric.
+
+    Args:
+        first: share of the variance that it explains by itself (first-order Sobol index).
+        total: share that goes with it, its interactions included (total index).
+    """
+
+    first: Interval
+    total: Interval
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All that a Monte Carlo run says.
+
+    Args:
+        scenarios: how many were run.
+        status: how many ended how, by reason; "scored" ones count.
+        quantiles: of every metric, by level.
+        failures: probability of every failure that the study defines.
+        correlations: Spearman's rank correlation of the objective with every number, by path.
+        influences: Sobol indices of log10 of the objective, by factor; empty without a design.
+        unexplained: scenarios of the design whose objective was not finite or not positive.
+        worst: numbers of the scenarios with the largest objective, worst first.
+        sentences: the same for people.
+    """
+
+    scenarios: int
+    status: dict[str, int]
+    quantiles: dict[str, dict[float, Interval]]
+    failures: dict[str, Interval]
+    correlations: dict[str, Interval]
+    influences: dict[str, Influence]
+    unexplained: int
+    worst: list[int]
+    sentences: list[str]
+
+    def as_tables(self) -> dict[str, Any]:
+        """Return the summary as nested tables."""
+        return asdict(self)
+
+
+def quantile(values: np.ndarray, level: float) -> Interval:
+    """Return a quantile with its distribution-free interval, from the ranks of the order statistics."""
+    if not values.size:
+        return Interval(float("nan"), float("nan"), float("nan"))
+    found = stats.quantile_test(values, p=level).confidence_interval(0.95)
+    return Interval(float(np.quantile(values, level, method="inverted_cdf")), float(found.low), float(found.high))
+
+
+def probability(failed: np.ndarray) -> Interval:
+    """Return a probability with its Clopper–Pearson interval."""
+    found = stats.binomtest(int(failed.sum()), failed.size).proportion_ci(0.95, method="exact")
+    return Interval(float(failed.mean()), float(found.low), float(found.high))
+
+
+def has_failed(columns: Columns, name: str, text: str) -> np.ndarray:
+    """Return which scenarios fail by a definition; one without scores does."""
+    metric, comparison, limit = parse_failure(name, text)
+    values = columns[metric]
+    return _COMPARE[comparison](values, limit) | np.isnan(values) | (columns["status"] != Status.OK)
+
+
+def sobol_influences(design: Columns, factors: Sequence[str], metric: str) -> tuple[dict[str, Influence], int]:
+    """Return Sobol indices of log10 of a metric from the scores of a Saltelli design, by SciPy.
+
+    Args:
+        design: columns of the design: matrices A, B, and A with each factor's columns of B, one after the other.
+        factors: names, in the design's order.
+        metric: a positive metric.
+
+    Returns:
+        The influences by factor, and how many scenarios had to be replaced by the worst finite one.
+    """
+    values = np.where(design["status"] == Status.OK, design[metric], np.nan)
+    usable = np.isfinite(values) & (values > 0)
+    if not usable.any():
+        return {}, int(values.size)
+    filled = np.log10(np.where(usable, values, values[usable].max()))
+    rows = filled.size // (len(factors) + 2)
+    first, second, *mixed = filled.reshape(len(factors) + 2, 1, rows)
+    if not np.ptp(filled) > 0:
+        return {}, int(np.sum(~usable))
+    with warnings.catch_warnings():
+        # A factor without any effect has no scatter to resample: its interval is then the value.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        found = stats.sobol_indices(func={"f_A": first, "f_B": second, "f_AB": np.stack(mixed)}, n=rows)
+        spread = found.bootstrap(0.95)
+    orders = ((found.first_order, spread.first_order), (found.total_order, spread.total_order))
+    indices = [_intervals(value, ends.confidence_interval) for value, ends in orders]
+    return {name: Influence(*both) for name, *both in zip(factors, *indices, strict=True)}, int(np.sum(~usable))
+
+
+def _intervals(values: np.ndarray, ends: Any) -> list[Interval]:
+    found = zip(np.ravel(values), np.ravel(ends.low), np.ravel(ends.high), strict=True)
+    filled = ((v, v if np.isnan(low) else low, v if np.isnan(high) else high) for v, low, high in found)
+    return [Interval(float(v), float(low), float(high)) for v, low, high in filled]
+
+
+def summarise(
+    columns: Columns,
+    design: Columns | None,
+    population: Population,
+    factors: Sequence[str],
+    objective: str,
+    worst: int,
+) -> Summary:
+    """Summarise a Monte Carlo run.
+
+    Args:
+        columns: rows of the population, `(scenario,)` by column.
+        design: rows of the design for Sobol indices, if there is one.
+        population: what varied, and what counts as a failure.
+        factors: names of the design's factors.
+        objective: the metric that correlations, influences and the worst cases are about.
+        worst: how many of the worst to list.
+    """
+    status = columns["status"]
+    counted = status == Status.OK
+    kept = {name: values[counted] for name, values in columns.items()}
+    counts = Counter(Status(int(code)).reason for code in status)
+    quantiles = {m: {level: quantile(kept[m][~np.isnan(kept[m])], level) for level in LEVELS} for m in METRICS}
+    failures = {name: probability(has_failed(columns, name, text)) for name, text in population.failures.items()}
+    influences, unexplained = ({}, 0) if design is None else sobol_influences(design, factors, objective)
+    # Scenarios without scores are the worst of all.
+    badness = np.where(counted & ~np.isnan(columns[objective]), columns[objective], np.inf)
+    order = np.argsort(-badness, kind="stable")[:worst]
+    summary = Summary(
+        scenarios=status.size,
+        status=dict(counts),
+        quantiles=quantiles,
+        failures=failures,
+        correlations={path: _correlation(kept[path], kept[objective]) for path in population.paths},
+        influences=influences,
+        unexplained=unexplained,
+        worst=[int(columns["scenario"][i]) for i in order],
+        sentences=[],
+    )
+    return Summary(**{**summary.__dict__, "sentences": _sentences(summary, population, objective)})
+
+
+def _correlation(numbers: np.ndarray, scores: np.ndarray) -> Interval:
+    finite = np.isfinite(scores)
+    if finite.sum() < 4 or not np.ptp(numbers[finite]) > 0 or not np.ptp(scores[finite]) > 0:
+        return Interval(float("nan"), float("nan"), float("nan"))
+    value = float(stats.spearmanr(numbers[finite], scores[finite])[0])  # pyright: ignore[reportArgumentType]
+    # Fisher's transformation, with Bonett and Wright's variance for ranks.
+    reach = 1.959964 * np.sqrt((1.0 + value**2 / 2.0) / (finite.sum() - 3))
+    centre = np.arctanh(np.clip(value, -1 + 1e-12, 1 - 1e-12))
+    return Interval(value, float(np.tanh(centre - reach)), float(np.tanh(centre + reach)))
+
+
+def _sentences(summary: Summary, population: Population, objective: str) -> list[str]:
+    found = []
+    median, high = (summary.quantiles[objective][level] for level in (0.5, 0.95))
+    found.append(
+        f"half of the robots stay below {objective} {median.value:.4g} % [{median.low:.4g}, {median.high:.4g}], "
+        f"95 % of them below {high.value:.4g} % [{high.low:.4g}, {high.high:.4g}]"
+    )
+    found += [
+        f"{name} ({population.failures[name]}): {100 * p.value:.3g} % fail [{100 * p.low:.3g}, {100 * p.high:.3g}]"
+        for name, p in summary.failures.items()
+    ]
+    lost = {reason: n for reason, n in summary.status.items() if reason != Status.OK.reason}
+    found += [f"{n} of {summary.scenarios} have no score: {reason}" for reason, n in lost.items()]
+    if summary.influences:
+        ranked = sorted(summary.influences.items(), key=lambda item: -item[1].total.value)
+        for name, influence in ranked:
+            first, total = influence.first, influence.total
+            if total.low > _MATTERS:
+                alone = f"{100 * first.value:.0f} % by itself [{100 * first.low:.0f}, {100 * first.high:.0f}]"
+                found.append(
+                    f"{name} matters: of the variance of log10 {objective} {alone}, "
+                    f"{100 * total.value:.0f} % with interactions [{100 * total.low:.0f}, {100 * total.high:.0f}]"
+                )
+        small = [name for name, influence in ranked if influence.total.high < _MATTERS]
+        if small:
+            found.append(f"below {100 * _MATTERS:.0f} % each, with interactions: {', '.join(small)}")
+        open_ones = [
+            f"{name} ({100 * i.total.low:.0f} to {100 * i.total.high:.0f} %)"
+            for name, i in ranked
+            if not (i.total.low > _MATTERS or i.total.high < _MATTERS)
+        ]
+        if open_ones:
+            found.append(f"undecided with this design: {', '.join(open_ones)}")
+    if summary.unexplained:
+        found.append(f"{summary.unexplained} scenarios of the design had no score and count as the worst that had")
+    return found
+
+
+def write_summary(summary: Summary, path: Path) -> None:
+    """Write a summary as JSON; infinite and missing numbers become text."""
+    write_text(path, json.dumps(json.loads(json.dumps(summary.as_tables()), parse_constant=str), indent=2) + "\n")
