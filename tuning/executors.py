@@ -142,7 +142,8 @@ class DaskExecutor:
             "threads_per_worker": 1,
             # Workers hold compiled programs that Dask knows nothing of; it would end them for their size.
             "memory_limit": None,
-            "dashboard_address": None,
+            # Any free port, so that two runs do not meet, which nobody outside this machine can reach.
+            "dashboard_address": "127.0.0.1:0",
             "silence_logs": logging.CRITICAL,
             "scheduler_kwargs": {"allowed_failures": _LOSSES},
         }

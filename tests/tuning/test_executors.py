@@ -105,7 +105,7 @@ def test_workers_that_are_killed_cost_nothing_but_time(planned, straight, tmp_pa
 
 @pytest.mark.equivalence
 def test_a_scheduler_that_runs_already_is_used_and_left_running(planned, straight, tmp_path):
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster:
         executor = DaskExecutor(scheduler=cluster.scheduler_address)
         complete(planned.open(tmp_path / "run", resume=False), executor, "dask")
         assert held_in(tmp_path / "run") == straight
@@ -160,7 +160,7 @@ def test_an_interrupt_while_workers_start_is_neither_lost_nor_theirs():
 
     def start():
         with executors._interrupts_held():
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
             masks.append(signal.pthread_sigmask(signal.SIG_BLOCK, []))
 
     with pytest.raises(KeyboardInterrupt):
