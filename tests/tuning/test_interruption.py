@@ -208,10 +208,10 @@ def test_a_sweep_killed_at_any_instant_leaves_a_folder_that_can_be_resumed(tmp_p
     runs, left = [tmp_path / "killed-0"], []
     for i, share in enumerate(np.random.default_rng(7).random(20)):
         run = runs[-1]
-        begun_in(run).unlink(missing_ok=True)
+        before = finished_in(run)
         killed = start(run, "--quiet", "--resume", pause=0.1)
-        # Most of the time is spent before the first chunk; every other time, no kill falls there.
-        while i % 2 and killed.poll() is None and not begun_in(run).exists():
+        # Most of the time is spent before this process has its first chunk; every other time, no kill falls there.
+        while i % 2 and killed.poll() is None and finished_in(run) == before:
             time.sleep(0.01)
         with contextlib.suppress(subprocess.TimeoutExpired):
             killed.wait(share * (1.2 if i % 2 else lasted))
