@@ -85,7 +85,7 @@ struct awas_joint {
 
 struct plant_job {
     long samples;
-    int substeps;
+    long substeps;
     double step;
     const double *torque1, *torque2; /* (time, substep), in the middle of every step */
     const void *joints;
@@ -114,7 +114,7 @@ static int awas_lane(long lane, const void *argument)
         if (k == job->samples - 1)
             break;
         const double *torque1 = job->torque1 + k * job->substeps, *torque2 = job->torque2 + k * job->substeps;
-        for (int i = 0; i < job->substeps; i++) {
+        for (long i = 0; i < job->substeps; i++) {
             sine = sin((q + half * vq) - (m + half * vm));
             lever = arm + pitch * (s + half * vs);
             double pull = rate * lever * sine;
@@ -135,7 +135,7 @@ static int awas_lane(long lane, const void *argument)
     return 0;
 }
 
-int awas_plant(long lanes, int threads, long samples, int substeps, double step, const double *motor,
+int awas_plant(long lanes, int threads, long samples, long substeps, double step, const double *motor,
                const double *setpoint_motor, const double *joints, double *result)
 {
     struct plant_job job = {samples, substeps, step, motor, setpoint_motor, joints, result};
@@ -169,7 +169,7 @@ static int antagonistic_lane(long lane, const void *argument)
         if (k == job->samples - 1)
             break;
         const double *torque1 = job->torque1 + k * job->substeps, *torque2 = job->torque2 + k * job->substeps;
-        for (int i = 0; i < job->substeps; i++) {
+        for (long i = 0; i < job->substeps; i++) {
             double middle = q + half * vq;
             d1 = middle - (m1 + half * v1);
             d2 = middle - (m2 + half * v2);
@@ -190,7 +190,7 @@ static int antagonistic_lane(long lane, const void *argument)
     return 0;
 }
 
-int antagonistic_plant(long lanes, int threads, long samples, int substeps, double step, const double *motor1,
+int antagonistic_plant(long lanes, int threads, long samples, long substeps, double step, const double *motor1,
                        const double *motor2, const double *joints, double *result)
 {
     struct plant_job job = {samples, substeps, step, motor1, motor2, joints, result};
