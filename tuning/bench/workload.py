@@ -26,6 +26,7 @@ class Workload:
         flops: floating-point operations a lane-step of the algorithm that ours runs, or `None`.
         twin: runs the same in C and returns what the program returns, or `None`.
         base: a program of ours, of the same arguments, that the ratio is taken to instead of C, or `None`.
+        arrange: brings what the program returns into the shape of the twin's result.
     """
 
     program: Any
@@ -35,11 +36,19 @@ class Workload:
     flops: float | None = None
     twin: Callable[[Opponent], np.ndarray] | None = None
     base: Any = None
+    arrange: Callable[[Any], np.ndarray] = np.asarray
 
     @property
     def steps(self) -> int:
         """Return lanes times samples."""
         return self.lanes * self.samples
+
+    def difference(self, ours: Any, theirs: np.ndarray) -> float:
+        """Return the largest relative difference of both results; infinite where one is not finite."""
+        mine = self.arrange(ours)
+        if mine.shape != theirs.shape or not (np.all(np.isfinite(mine)) and np.all(np.isfinite(theirs))):
+            return float("inf")
+        return float(np.max(np.abs(mine - theirs) / np.maximum(np.abs(theirs), np.finfo(float).tiny)))
 
 
 @dataclass(frozen=True)
@@ -61,10 +70,3 @@ class Kernel:
     prepare: Callable[[int, Sequence[str]], Workload]
     limit: float | None
     counting: str
-
-    def difference(self, ours: Any, theirs: np.ndarray) -> float:
-        """Return the largest relative difference of two results; infinite where one is not finite."""
-        mine = np.asarray(ours)
-        if mine.shape != theirs.shape or not (np.all(np.isfinite(mine)) and np.all(np.isfinite(theirs))):
-            return float("inf")
-        return float(np.max(np.abs(mine - theirs) / np.maximum(np.abs(theirs), np.finfo(float).tiny)))
