@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from vsajax.numerics import safe_divide
+from vsajax.numerics import once, safe_divide
 from vsajax.types import Estimate, Scalar, as_leaf
 
 
@@ -94,8 +94,9 @@ class Scorer(eqx.Module):
 
     def step(self, state: ScoreState, time: Scalar, stiffness: Scalar, estimate: Estimate) -> ScoreState:
         """Count one sample with its true stiffness."""
-        error = stiffness - estimate.stiffness
-        relative = self.relative_error(stiffness, estimate.stiffness)
+        error, relative = once(
+            (stiffness - estimate.stiffness, self.relative_error(stiffness, estimate.stiffness))
+        )
         one = jnp.ones_like(error)
         near_zero = (jnp.abs(stiffness) <= self.stiffness_floor) * one
         settled = (time >= self.warm_up) * one

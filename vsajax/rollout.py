@@ -33,7 +33,7 @@ def scan[State](
         step: (state, input) -> (state, output); pure.
         state: the first state.
         inputs: arrays with a leading time axis of one length.
-        segment: samples a segment; by default the square root of their number. 1 ≤ segment.
+        segment: samples a segment; by default near the square root of their number. 1 ≤ segment.
 
     Returns:
         The last state, and the outputs with a leading time axis.
@@ -44,7 +44,7 @@ def scan[State](
     steps = _common_length("inputs", inputs)
     if segment is not None and segment < 1:
         raise ValueError(f"segment must be at least 1; got {segment}")
-    length = min(segment or math.isqrt(steps), steps)
+    length = min(segment or _segment_of(steps), steps)
     segments = steps // length if length else 0
 
     @partial(jax.checkpoint, prevent_cse=False, static_argnums=2)  # pyright: ignore[reportPrivateImportUsage]
@@ -102,6 +102,13 @@ def map_lanes(
     spread = jax.shard_map(share, mesh=mesh, in_specs=(own, common), out_specs=own, check_vma=False)
     results = spread(jax.tree.map(pad, lanes), shared)
     return jax.tree.map(lambda y: y[:count], results)
+
+
+def _segment_of(steps: int) -> int:
+    """Return a length near √steps that leaves no shorter segment, whose loop would be compiled a second time."""
+    root = math.isqrt(steps)
+    divisors = [n for n in range(max(root // 4, 1), 4 * root + 1) if steps % n == 0]
+    return min(divisors, key=lambda n: n + steps // n, default=root)
 
 
 def _common_length(name: str, tree: PyTree) -> int:

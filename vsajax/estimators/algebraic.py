@@ -24,7 +24,7 @@ from vsajax.estimators.bases import AbstractBasis
 from vsajax.estimators.gate import ExcitationGate, GateState
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.velocity import AbstractVelocityFilter
-from vsajax.numerics import dot, safe_sqrt
+from vsajax.numerics import dot, once, safe_sqrt
 from vsajax.types import Estimate, Sample, Scalar, Signals, as_leaf
 
 _WHOLE = 1.0 - 1e-6
@@ -229,9 +229,9 @@ class AlgebraicObserver(AbstractEstimator):
         # certain.
         fit = fit._replace(weight=fit.weight - (1.0 - row.share))
         setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
-        features, slopes = self.basis(setpoint, deflection)
-        stiffness = dot(slopes, fit.coefficients)
-        std = jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0))
+        features, slopes = once(self.basis(setpoint, deflection))
+        stiffness = once(dot(slopes, fit.coefficients))
+        std = once(jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0)))
         gate, known = self.gate.step(state.gate, deflection, stiffness, std)
         torque = dot(features, fit.coefficients)
         known = known & (row.share > _WHOLE)

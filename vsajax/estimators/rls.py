@@ -23,6 +23,7 @@ from vsajax.numerics import (
     Rows,
     combine_rows,
     dot,
+    once,
     quadratic_form,
     rank_one_downdate,
     scaled_identity,
@@ -191,14 +192,14 @@ class RecursiveLeastSquares(eqx.Module):
 
     def step(self, state: FitState, features: tuple[Scalar, ...], target: Scalar) -> tuple[FitState, Scalar]:
         """Use one sample; return (state, stability factor a)."""
-        column = combine_rows(state.covariance, features)
+        column = once(combine_rows(state.covariance, features))
         entries = tuple(column[i] for i in range(len(features)))
         leverage = dot(features, entries)
         factor, inflation, spread = self.law(leverage)
-        gain = factor / (1.0 + leverage)
-        innovation = target - dot(features, state.coefficients)
-        correction = gain * innovation
-        normalised = innovation / jnp.sqrt(spread)
+        gain = once(factor / (1.0 + leverage))
+        innovation = once(target - dot(features, state.coefficients))
+        correction = once(gain * innovation)
+        normalised = once(innovation * once(1.0 / jnp.sqrt(spread)))
         memory = self.law.memory()
         covariance = rank_one_downdate(state.covariance, column, gain)
         if inflation is not None:

@@ -13,7 +13,7 @@ from vsajax.estimators.gate import ExcitationGate, GateState
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.torque import AbstractTorqueSource, Kinematics
 from vsajax.estimators.velocity import AbstractVelocityFilter, FiniteDifference
-from vsajax.numerics import dot
+from vsajax.numerics import dot, once
 from vsajax.types import Estimate, Sample, Scalar, Signals
 
 
@@ -73,10 +73,11 @@ class StiffnessEstimator(AbstractEstimator):
         """Process one sample; return (state, estimate)."""
         motor, link, kinematics = self._filter(state, sample)
         torque_state, torque = self.torque.step(state.torque, sample, kinematics)
-        features, slopes = self.basis(kinematics.setpoint, kinematics.deflection)
+        kinematics, torque = once((kinematics, torque))
+        features, slopes = once(self.basis(kinematics.setpoint, kinematics.deflection))
         fit, factor = self.fit.step(state.fit, features, torque)
-        stiffness = dot(slopes, fit.coefficients)
-        std = jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0))
+        stiffness = once(dot(slopes, fit.coefficients))
+        std = once(jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0)))
         gate, known = self.gate.step(state.gate, kinematics.deflection, stiffness, std)
         signals = Signals(
             kinematics.deflection, torque, kinematics.motor_velocity, factor, self.fit.determined(fit)

@@ -1,6 +1,7 @@
 """Scalar mathematics that compiles to fast scan bodies: no LAPACK, no library call per lane."""
 
 from vsajax.numerics.functions import damped_response, logistic, safe_divide, safe_sqrt, smooth_sign
+from vsajax.numerics.fusion import once
 from vsajax.numerics.rows import (
     Rows,
     combine_rows,
@@ -19,6 +20,7 @@ __all__ = [
     "damped_response",
     "dot",
     "logistic",
+    "once",
     "quadratic_form",
     "rank_one_downdate",
     "safe_divide",
