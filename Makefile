@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python; do \
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo test test-all lint format bench clean
+.PHONY: demo test test-all lint format bench bench-check clean
 .DELETE_ON_ERROR:
 
 $(READY): pyproject.toml constraints.txt
@@ -42,7 +42,10 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 
 bench: $(READY)
-	$(BIN)/python -m benchmarks.throughput
+	$(BIN)/vsajax bench --against c
+
+bench-check: $(READY)
+	$(BIN)/vsajax bench --check --repeats 5
 
 clean:
 	rm -rf .venv runs

@@ -143,9 +143,7 @@ def _sweep(lanes: int, settings: Sequence[str]) -> Workload:
     flops = _RESIDUAL + 6.0 * _FEATURES + _SCORE + shared / (OBSERVER_GAINS * draws)
 
     def arrange(msrep: Any) -> np.ndarray:
-        # With fewer outer points than cores, a point's draws are cut into several lanes.
-        split = np.asarray(msrep).reshape(PRIOR_SCALES, -1, OBSERVER_GAINS, np.shape(msrep)[-1])
-        return np.moveaxis(split, 1, 2).reshape(PRIOR_SCALES, OBSERVER_GAINS, draws)
+        return grid.arrange(msrep).reshape(PRIOR_SCALES, OBSERVER_GAINS, draws)
 
     arguments = grid.arguments(grid.outer_points)
     return Workload(program, arguments, count, problem.samples, flops, twin, arrange=arrange)

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import click
 
-from tuning.cli import authoring, inspection, populations, recordings, reports, results, searches
+from tuning.cli import authoring, bench, inspection, populations, recordings, reports, results, searches
 from tuning.errors import InputError
 
 DONE, NOT_HELD, BAD_INPUT, INTERRUPTED = 0, 1, 2, 3
@@ -35,6 +35,7 @@ for command in (
     reports.report,
     results.reproduce,
     results.export,
+    bench.bench,
     inspection.doctor,
 ):
     cli.add_command(command)

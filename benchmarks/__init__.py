@@ -1,1 +1,0 @@
-"""Timings; run with `make bench`."""
