@@ -41,7 +41,10 @@ class Lanes(NamedTuple):
 
 def record_joints(problem: Problem, kind: Kind, lanes: int) -> tuple[jax.Array, Lanes]:
     """Return the instants [s], and recordings of `lanes` joints within ±10 % of the study's."""
-    substeps, paths, names = problem.substeps, AWAS if kind == "serial" else MENARD, _SIGNALS[kind]
+    # The study's own number, not `problem.substeps`, which would simulate to check it.
+    substeps, paths, names = problem.study.substeps, AWAS if kind == "serial" else MENARD, _SIGNALS[kind]
+    if substeps is None:
+        raise ValueError("the bench's studies say how many integration steps a sample takes")
 
     def record(own: tuple[dict[str, jax.Array], jax.Array], shared: Bench) -> Lanes:
         values, key = own
