@@ -35,15 +35,14 @@ def is_torque_only(path: str) -> bool:
 
 
 def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
-    """Return the jitted (lanes, (inner values, given)) -> scores `(lane, *inner axes, scenario)`.
+    """Return the jitted (lanes, given) -> scores `(lane, *inner axes, scenario)`.
 
-    A lane is the values of the `outer` paths and its scenarios; `inner` paths, which must be torque-only,
-    are nested inside it. `width` is the number of evaluations in a lane.
+    A lane is the values of the `outer` paths, a tuple of values of each of the `inner` paths, and its scenarios;
+    inner paths, which must be torque-only, are nested inside it. `width` is the number of evaluations in a lane.
     """
 
-    def point(lane: tuple[jax.Array, Scenario], common: tuple[tuple[jax.Array, ...], Any]) -> Scores:
-        values, scenarios = lane
-        inner_values, given = common
+    def point(lane: tuple[jax.Array, tuple[jax.Array, ...], Scenario], given: Any) -> Scores:
+        values, inner_values, scenarios = lane
         fixed = {path: values[i] for i, path in enumerate(outer)}
 
         def score(chosen: tuple[jax.Array, ...], scenario: Scenario) -> Scores:
@@ -114,39 +113,68 @@ class Grid:
         return {path: values[int(i)] for (path, values), i in zip(self.axes.items(), index, strict=True)}
 
     @cached_property
-    def _split(self) -> int:
-        """Into how many lanes the scenarios are cut, so that a single outer point still uses every core."""
+    def _cut(self) -> tuple[int, int]:
+        """Into how many lanes a point's longest inner axis, and its scenarios, are cut.
+
+        A lane that is wider than `_WIDTH` falls out of the cache. The axis is cut first: scenarios are what the
+        compiled loops run over. Scenarios are cut as well where there are fewer lanes than cores.
+        """
+        axis = len(self.axes[self.inner[self._longest]]) if self.inner else 1
+        across = next(d for d in _divisors(axis) if self.inner_size // d <= _WIDTH or d == axis)
+        width, lanes = self.inner_size // across, len(self.outer_points) * across
+        along = (d for d in _divisors(self.scenarios) if width // d <= _WIDTH)
         cores = len(jax.local_devices())
-        if len(self.outer_points) >= cores:
-            return 1
-        divisors = (d for d in range(cores, self.scenarios + 1) if self.scenarios % d == 0)
-        return next((d for d in divisors if self.inner_size // d <= _WIDTH), 1)
+        return across, next((d for d in along if lanes * d >= cores), self.scenarios)
+
+    @cached_property
+    def _longest(self) -> int:
+        """Number of the inner axis with the most values."""
+        return max(range(len(self.inner)), key=lambda i: len(self.axes[self.inner[i]]))
 
     @cached_property
     def program(self) -> Any:
-        """The compiled (lanes, (inner values, given)) -> scores `(lane, *inner axes, scenario)`."""
-        return lane_program(self.problem, self.outer, self.inner, width=self.inner_size // self._split)
+        """The compiled (lanes, given) -> scores `(lane, *inner axes, scenario)`."""
+        return lane_program(self.problem, self.outer, self.inner, width=self.inner_size // math.prod(self._cut))
 
     def arguments(self, points: np.ndarray) -> tuple[Any, Any]:
-        """Return the program's arguments for some outer points."""
-        scenarios = draw_scenarios(self.problem.study, self.stream, self.scenarios)
-        blocks = jax.tree.map(lambda x: jnp.tile(x.reshape(self._split, -1), (len(points), 1)), scenarios)
-        lanes = (jnp.repeat(jnp.asarray(points), self._split, axis=0), blocks)
-        inner = tuple(jnp.asarray(self.axes[path], float) for path in self.inner)
-        return lanes, (inner, self.problem.given)
+        """Return the program's arguments for some outer points: a lane for each of their parts."""
+        across, along = self._cut
+        drawn = draw_scenarios(self.problem.study, self.stream, self.scenarios)
+        scenarios = jax.tree.map(lambda x: jnp.tile(x.reshape(along, -1), (len(points) * across, 1)), drawn)
+
+        def spread(i: int, path: str) -> jax.Array:
+            values = jnp.asarray(self.axes[path], float)
+            parts = values.reshape(across if i == self._longest else 1, -1)
+            parts = jnp.broadcast_to(parts, (across, parts.shape[1]))
+            return jnp.tile(jnp.repeat(parts, along, axis=0), (len(points), 1))
+
+        inner = tuple(spread(i, path) for i, path in enumerate(self.inner))
+        outer = jnp.repeat(jnp.asarray(points), across * along, axis=0)
+        return (outer, inner, scenarios), self.problem.given
+
+    def arrange(self, score: Any) -> np.ndarray:
+        """Return a score of the program's lanes as `(point, inner point, scenario)`."""
+        across, along = self._cut
+        sizes = [len(self.axes[path]) for path in self.inner]
+        before = math.prod(sizes[: self._longest]) if sizes else 1
+        whole = sizes[self._longest] if sizes else 1
+        # From lane (point, part of the axis, part of the scenarios) × (axes before, axis, axes after, scenario).
+        parts = np.asarray(score).reshape(
+            -1, across, along, before, whole // across, math.prod(sizes) // before // whole, self.scenarios // along
+        )
+        points = parts.shape[0]
+        return np.transpose(parts, (0, 3, 1, 4, 5, 2, 6)).reshape(points, -1, self.scenarios)
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """Return each score at some outer points, `(point, inner point, scenario)`."""
-        lanes, common = self.arguments(points)
-        scores: Scores = self.program(lanes, common)
-
-        def arrange(score: jax.Array) -> np.ndarray:
-            split = np.asarray(score).reshape(len(points), self._split, -1, self.scenarios // self._split)
-            return np.moveaxis(split, 1, 2).reshape(len(points), -1, self.scenarios)
-
-        return {name: arrange(value) for name, value in scores._asdict().items()}
+        scores: Scores = self.program(*self.arguments(points))
+        return {name: self.arrange(value) for name, value in scores._asdict().items()}
 
     def memory(self, points: int) -> int:
         """Return the bytes that a compiled evaluation of some outer points needs."""
         analysis = self.program.lower(*self.arguments(self.outer_points[:points])).compile().memory_analysis()
         return analysis.temp_size_in_bytes + analysis.argument_size_in_bytes + analysis.output_size_in_bytes
+
+
+def _divisors(number: int) -> list[int]:
+    return [d for d in range(1, number + 1) if number % d == 0]

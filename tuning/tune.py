@@ -109,7 +109,7 @@ class Search:
     def score(self, points: np.ndarray) -> Scores:
         """Return `(point, scenario)` training scores at `(point, parameter)` numbers."""
         scenarios = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(points), *x.shape)), self.scenarios)
-        return self.program((jnp.asarray(points), scenarios), ((), self.problem.given))
+        return self.program((jnp.asarray(points), (), scenarios), self.problem.given)
 
     def screen(self, points: np.ndarray) -> np.ndarray:
         """Return the statistic of the training objective at `(point, parameter)` numbers [%]."""

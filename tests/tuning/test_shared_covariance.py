@@ -54,6 +54,6 @@ def test_gains_and_noise_draws_share_the_covariance_and_priors_do_not(problem):
     # The measure sees what is not shared: the same 64 points as lanes of their own.
     drawn = draw_scenarios(problem.study, "train", 1)
     points = jnp.array([[gain, prior] for gain in GAINS for prior in PRIORS])
-    lanes = (points, jax.tree.map(lambda x: jnp.broadcast_to(x, (len(points), 1)), drawn))
+    lanes = (points, (), jax.tree.map(lambda x: jnp.broadcast_to(x, (len(points), 1)), drawn))
     unshared = lane_program(problem, (GAIN, PRIOR), (), width=1)
-    assert work(unshared, lanes, ((), problem.given)) > 7.0 * single
+    assert work(unshared, lanes, problem.given) > 7.0 * single

@@ -158,8 +158,8 @@ def _enter(contender: Contender) -> list[Entry]:
         lanes = np.concatenate([chosen, np.repeat(per_level[:, None], points, axis=1)], axis=2)
         lanes = np.repeat(lanes.reshape(levels * points, -1), blocks, axis=0)
         scores = program(
-            (jnp.asarray(lanes), jax.tree.map(lambda x: jnp.tile(x, (levels * points, 1)), scenarios)),
-            ((), Given(problem.bench, paper.truth_of(setting))),
+            (jnp.asarray(lanes), (), jax.tree.map(lambda x: jnp.tile(x, (levels * points, 1)), scenarios)),
+            Given(problem.bench, paper.truth_of(setting)),
         )
         shape = (levels, points, blocks, TRAIN)
         return np.asarray(scores.mse_settled).reshape(shape), np.asarray(scores.msrep_settled).reshape(shape)
