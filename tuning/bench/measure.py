@@ -23,7 +23,8 @@ from tuning.bench.workload import AGREEMENT, Kernel, Workload
 
 COMPILE_LIMIT = 3.0
 """Seconds that no kernel may take to compile."""
-_PEAK_ROUNDS = 10_000_000
+_PEAK_ROUNDS = 1_000_000
+_PEAK_REPEATS = 40
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def measure_peak(opponent: Opponent) -> float:
     def run() -> np.ndarray:
         return opponent.call("peak", [opponent.cores], [_PEAK_ROUNDS], [], (opponent.cores,))
 
-    seconds = min(_in_turn(run, None, 5)[0])
+    seconds = min(_in_turn(run, None, _PEAK_REPEATS)[0])
     return 1e-9 * opponent.flops_of_peak(_PEAK_ROUNDS) / seconds
 
 

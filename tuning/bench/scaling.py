@@ -21,7 +21,7 @@ SPEED_UP = 1.7
 """Two cores must be this many times as fast as one."""
 _SCALED = ("awas_plant", "serial_estimator")
 _SHORT = "clock.duration=0.2"
-_REPEATS = 3
+_REPEATS = 5
 
 
 @dataclass(frozen=True)
