@@ -7,6 +7,9 @@ import sys
 from pathlib import Path
 
 _DEVICES = "--xla_force_host_platform_device_count"
+_UNROLLING = "--xla_backend_extra_options"
+"""LLVM unrolls short inner loops, such as those over a covariance's columns, into scalar code before it would
+vectorise them; fewer unrolled turns leave them to the vectoriser (estimator with d = 18: a third faster)."""
 
 
 def usable_cores() -> int:
@@ -23,12 +26,12 @@ def cache_folder() -> Path:
 def start_jax() -> None:
     """Configure jax for the lab; call it before anything computes.
 
-    A host device a core must be asked for before jax' first computation; a number that the user's XLA_FLAGS
-    give is kept.
+    A host device a core must be asked for before jax' first computation. What the user's XLA_FLAGS give is kept.
     """
     flags = os.environ.get("XLA_FLAGS", "")
-    if _DEVICES not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} {_DEVICES}={usable_cores()}".strip()
+    wanted = {_DEVICES: str(usable_cores()), _UNROLLING: "-unroll-full-max-count=8"}
+    missing = (f"{flag}={value}" for flag, value in wanted.items() if flag not in flags)
+    os.environ["XLA_FLAGS"] = " ".join([flags, *missing]).strip()
     import jax
 
     jax.config.update("jax_enable_x64", True)

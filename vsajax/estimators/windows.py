@@ -109,7 +109,13 @@ def convolve(responses: tuple[Taps, ...], signals: tuple[Float[Array, " time"], 
     By fast Fourier transform: O(log time) a sample, whatever the length of the window.
     """
     samples, taps = signals[0].shape[0], responses[0].shape[0]
-    length = 1 << (samples + taps - 2).bit_length()
+    length = _fast_length(samples + taps - 1)
     pairs = zip(responses, signals, strict=True)
     spectrum = sum(jnp.fft.rfft(response, length) * jnp.fft.rfft(signal, length) for response, signal in pairs)
     return jnp.fft.irfft(spectrum, length)[:samples]
+
+
+def _fast_length(least: int) -> int:
+    """Return the shortest even length from `least` on that has no prime factor above 5."""
+    powers = (3**i * 5**j for i in range(12) for j in range(8))
+    return min(odd << max(1, (-(-least // odd) - 1).bit_length()) for odd in powers if odd < 2 * least)

@@ -1,8 +1,8 @@
 """Telling the compiler what to compute once.
 
-XLA's CPU backend fuses an expression into every expression that reads it, and computes it again in each: a scalar
-that 18 coefficients read is computed 18 times a sample. Where a value is dearer than a load and read by several, the
-step marks it.
+XLA's CPU backend fuses an expression into every expression that reads it, and computes it again in each: what 18
+coefficients read is computed 18 times a sample. Where a value is dearer than a load and read by several, the step
+marks it.
 """
 
 from __future__ import annotations

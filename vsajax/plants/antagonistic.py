@@ -90,9 +90,9 @@ class AntagonisticJoint(AbstractJoint):
             pull1 = self.spring1.torque(unset, link - first)
             pull2 = self.spring2.torque(unset, link - second)
             return (
-                (torques.external - pull1 - pull2 - self.link.load(link)) / self.link.inertia,
-                self.motor1.acceleration(torques.motor1 + pull1 / self.motor1.gear_ratio),
-                self.motor2.acceleration(torques.motor2 + pull2 / self.motor2.gear_ratio),
+                (torques.external - pull1 - pull2 - self.link.load(link)) * (1.0 / self.link.inertia),
+                self.motor1.acceleration(torques.motor1 + pull1 * (1.0 / self.motor1.gear_ratio)),
+                self.motor2.acceleration(torques.motor2 + pull2 * (1.0 / self.motor2.gear_ratio)),
             )
 
         return accelerate

@@ -64,4 +64,4 @@ class Motor(eqx.Module):
 
     def acceleration(self, torque: Value) -> Value:
         """Return the joint-side acceleration from a torque on the motor axis [rad/s²]."""
-        return torque / (self.inertia * self.gear_ratio)
+        return torque * (1.0 / (self.inertia * self.gear_ratio))

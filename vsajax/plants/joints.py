@@ -128,8 +128,8 @@ class FlexibleJoint(AbstractJoint):
             position, motor_position = positions
             elastic = self.spring.torque(jnp.zeros_like(position), position - motor_position)
             return (
-                (torques.external - elastic - self.link.load(position)) / self.link.inertia,
-                self.motor.acceleration(torques.motor + elastic / self.motor.gear_ratio),
+                (torques.external - elastic - self.link.load(position)) * (1.0 / self.link.inertia),
+                self.motor.acceleration(torques.motor + elastic * (1.0 / self.motor.gear_ratio)),
             )
 
         return accelerate
@@ -200,9 +200,9 @@ class SerialJoint(AbstractJoint):
             coupling = self.spring.coupling(setpoint, deflection)
             secondary = self.setpoint_motor
             return (
-                (torques.external - elastic - self.link.load(position)) / self.link.inertia,
-                self.motor.acceleration(torques.motor + elastic / self.motor.gear_ratio),
-                secondary.acceleration(torques.setpoint_motor - coupling / secondary.gear_ratio),
+                (torques.external - elastic - self.link.load(position)) * (1.0 / self.link.inertia),
+                self.motor.acceleration(torques.motor + elastic * (1.0 / self.motor.gear_ratio)),
+                secondary.acceleration(torques.setpoint_motor - coupling * (1.0 / secondary.gear_ratio)),
             )
 
         return accelerate

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from vsajax.numerics import damped_response
+from vsajax.numerics import damped_response, once
 from vsajax.types import Scalar
 
 
@@ -77,7 +77,7 @@ def splitting_step(
     """
     positions, velocities = state
     half = 0.5 * response.step
-    pull = accelerations(tuple(x + half * v for x, v in zip(positions, velocities, strict=True)))
+    pull = once(accelerations(tuple(x + half * v for x, v in zip(positions, velocities, strict=True))))
     if friction is not None and response.half_decays is not None and response.half_gains is not None:
         brake = friction(velocities)
         midway = tuple(
@@ -87,13 +87,14 @@ def splitting_step(
             )
         )
         pull = tuple(a - f for a, f in zip(pull, friction(midway), strict=True))
-    return MechanicalState(
+    advanced = MechanicalState(
         tuple(
             x + g * v + w * a
             for x, v, g, w, a in zip(positions, velocities, response.gains, response.travels, pull, strict=True)
         ),
         tuple(d * v + g * a for v, d, g, a in zip(velocities, response.decays, response.gains, pull, strict=True)),
     )
+    return once(advanced)
 
 
 def substeps_for(rate: float, sample_time: float, *, resolution: float = 0.025) -> int:

@@ -183,18 +183,18 @@ class LeverSpring(AbstractSpring):
     def torque(self, setpoint: Value, deflection: Value) -> Value:
         """Return k_s r² sin 2φ; |φ| < π/2."""
         arm = self.lever(setpoint)
-        sine = numerics.sin(deflection)
+        sine = numerics.once(numerics.sin(deflection))
         # One sine serves torque and coupling: cos φ is its root on the half turn that a transmission can reach.
-        cosine = jnp.sqrt(1.0 - sine * sine)
+        cosine = numerics.once(jnp.sqrt(1.0 - sine * sine))
         return 2.0 * self.spring_rate * arm * arm * sine * cosine
 
     def stiffness(self, setpoint: Value, deflection: Value) -> Value:
         """Return 2 k_s r² cos 2φ."""
         arm = self.lever(setpoint)
-        sine = numerics.sin(deflection)
+        sine = numerics.once(numerics.sin(deflection))
         return 2.0 * self.spring_rate * arm * arm * (1.0 - 2.0 * sine * sine)
 
     def coupling(self, setpoint: Value, deflection: Value) -> Value:
         """Return 2 k_s b r sin²φ."""
-        sine = numerics.sin(deflection)
+        sine = numerics.once(numerics.sin(deflection))
         return 2.0 * self.spring_rate * self.pitch * self.lever(setpoint) * sine * sine
