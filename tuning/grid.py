@@ -160,7 +160,13 @@ class Grid:
         whole = sizes[self._longest] if sizes else 1
         # From lane (point, part of the axis, part of the scenarios) × (axes before, axis, axes after, scenario).
         parts = np.asarray(score).reshape(
-            -1, across, along, before, whole // across, math.prod(sizes) // before // whole, self.scenarios // along
+            -1,
+            across,
+            along,
+            before,
+            whole // across,
+            math.prod(sizes) // before // whole,
+            self.scenarios // along,
         )
         points = parts.shape[0]
         return np.transpose(parts, (0, 3, 1, 4, 5, 2, 6)).reshape(points, -1, self.scenarios)

@@ -133,3 +133,11 @@ def test_segment_must_be_positive(segment):
 def test_inputs_must_share_one_length(inputs, found):
     with pytest.raises(ValueError, match=rf"inputs need one leading length; got {found}"):
         rollout.scan(lambda s, x: (s, None), jnp.asarray(0.0), inputs)
+
+
+@pytest.mark.structure
+@pytest.mark.parametrize(("steps", "loops"), [(10001, 1), (2001, 1), (1000, 1), (10007, 2)])
+def test_the_step_is_compiled_once_where_the_steps_divide(steps, loops):
+    # 10007 is prime: what its segments leave over needs a loop of its own.
+    text = jax.jit(lambda x: rollout.scan(lambda s, u: (s + jnp.tanh(u), None), 0.0, x)).lower(jnp.ones(steps))
+    assert text.as_text().count("stablehlo.tanh") == loops

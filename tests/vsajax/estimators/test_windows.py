@@ -104,3 +104,14 @@ def test_taps_beyond_the_window_weigh_nothing(quadrature):
     exact, spare = (np.asarray(response(windows.SECOND, 0.02, taps, quadrature)) for taps in (21, 41))
     np.testing.assert_allclose(spare[:21], exact, rtol=1e-13)
     assert not spare[21:].any()
+
+
+def test_transforms_have_lengths_that_are_fast_and_no_longer_than_need_be():
+    def factors(number: int) -> set[int]:
+        return {p for p in range(2, number + 1) if number % p == 0 and all(p % q for q in range(2, p))}
+
+    for least in (2, 3, 7, 97, 640, 1025, 2187, 11001):
+        length = windows._fast_length(least)
+        assert length % 2 == 0
+        assert factors(length) <= {2, 3, 5}
+        assert not any(n % 2 == 0 and factors(n) <= {2, 3, 5} for n in range(least, length))
