@@ -35,6 +35,11 @@ def c() -> opponent.Opponent:
     return opponent.load_opponent()
 
 
+def test_the_opponent_leaves_the_processor_as_it_was(c):
+    assert c._functions is not None
+    assert np.float64(5e-324) * np.float64(1.0) > 0.0
+
+
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", TWINS)
 def test_c_computes_what_we_compute(name, c):

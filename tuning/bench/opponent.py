@@ -21,7 +21,9 @@ _INSTALLED = Path(__file__).parents[1] / "benchmarks"
 BENCHMARKS = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "benchmarks"
 """In a wheel the folder lies in the package, in a checkout beside it."""
 SOURCE = BENCHMARKS / "baseline.c"
-FLAGS = ("-std=gnu99", "-O3", "-march=native", "-ffast-math", "-shared", "-fPIC", "-pthread")
+FLAGS = ("-std=gnu99", "-O3", "-march=native", "-ffast-math", "-fPIC", "-pthread")
+LINKING = ("-shared", "-pthread", "-lm")
+"""Without -ffast-math, with which gcc links start-up code that flushes subnormal numbers in the whole process."""
 _COMPILERS = ("gcc", "cc", "clang")
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
@@ -54,20 +56,27 @@ def compile_opponent(source: Path = SOURCE) -> Path:
     compiler = find_compiler()
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False).stdout
     # -march=native: a library of another processor must not be taken from a cache that machines share.
-    parts = (source.read_bytes(), version.encode(), " ".join(FLAGS).encode(), processor().encode())
+    parts = (source.read_bytes(), version.encode(), " ".join(FLAGS + LINKING).encode(), processor().encode())
     digest = hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
     library = cache_folder() / f"baseline-{digest}.so"
     if library.is_file():
         return library
     library.parent.mkdir(parents=True, exist_ok=True)
     unfinished = library.with_suffix(f".{os.getpid()}.tmp")
-    words = [compiler, *FLAGS, str(source), "-o", str(unfinished), "-lm"]
-    ended = subprocess.run(words, capture_output=True, text=True, check=False)
-    if ended.returncode != 0:
-        raise input_error(
-            str(source), f"{compiler} failed: {ended.stderr.strip()}", "try another compiler: CC=gcc"
-        )
-    unfinished.replace(library)
+    compiled = unfinished.with_suffix(".o")
+    steps = (
+        [compiler, *FLAGS, "-c", str(source), "-o", str(compiled)],
+        [compiler, str(compiled), "-o", str(unfinished), *LINKING],
+    )
+    try:
+        for words in steps:
+            ended = subprocess.run(words, capture_output=True, text=True, check=False)
+            if ended.returncode != 0:
+                said = f"{compiler} failed: {ended.stderr.strip()}"
+                raise input_error(str(source), said, "try another compiler: CC=gcc")
+        unfinished.replace(library)
+    finally:
+        compiled.unlink(missing_ok=True)
     return library
 
 
