@@ -24,7 +24,7 @@ from vsajax.estimators.bases import AbstractBasis
 from vsajax.estimators.gate import ExcitationGate, GateState
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.velocity import AbstractVelocityFilter
-from vsajax.numerics import dot, once, safe_sqrt
+from vsajax.numerics import once, safe_sqrt
 from vsajax.types import Estimate, Sample, Scalar, Signals, as_leaf
 
 _WHOLE = 1.0 - 1e-6
@@ -230,10 +230,10 @@ class AlgebraicObserver(AbstractEstimator):
         fit = fit._replace(weight=fit.weight - (1.0 - row.share))
         setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
         features, slopes = once(self.basis(setpoint, deflection))
-        stiffness = once(dot(slopes, fit.coefficients))
+        stiffness = once(self.fit.predict(fit, slopes))
         std = once(jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0)))
         gate, known = self.gate.step(state.gate, deflection, stiffness, std)
-        torque = dot(features, fit.coefficients)
+        torque = self.fit.predict(fit, features)
         known = known & (row.share > _WHOLE)
         signals = Signals(deflection, torque, velocity, factor, self.fit.determined(fit))
         return FitStage(fit, gate, motor, link), Estimate(stiffness, std, torque, known, signals)

@@ -9,14 +9,20 @@ ridge regression with λ = 1/κ. `UnitFactor` is that well-conditioned form; `En
 
 P, K and ρ depend on features and prior alone, never on the torque. Under nested `vmap` they are therefore
 computed once for every torque-only hyperparameter and torque-noise draw; the recursion below keeps that so.
+
+Derivatives in the prior have a closed form where the fit is ridge regression: with P⁻¹ = I/κ + Σ F Fᵀ and η = P b,
+∂P/∂κ = P²/κ² and ∂η/∂κ = P η/κ². What is read off the fit carries it, and the recursion none: P then has no
+derivative at all where the features have none.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from vsajax.numerics import (
@@ -24,10 +30,10 @@ from vsajax.numerics import (
     combine_rows,
     dot,
     once,
-    quadratic_form,
     rank_one_downdate,
     scaled_identity,
     scaled_symmetric_part,
+    with_slope,
 )
 from vsajax.types import Scalar, as_leaf, require_float64
 
@@ -61,6 +67,11 @@ class AbstractGainLaw(eqx.Module):
     def memory(self) -> Scalar:
         """Return by how much the weight of past innovations shrinks each sample."""
 
+    @property
+    @abstractmethod
+    def is_ridge(self) -> bool:
+        """Whether P is (I/κ + Σ F Fᵀ)⁻¹ with κ the prior scale."""
+
 
 class UnitFactor(AbstractGainLaw):
     """a = 1: ordinary RLS (14)."""
@@ -76,6 +87,11 @@ class UnitFactor(AbstractGainLaw):
     def memory(self) -> Scalar:
         """Nothing is forgotten."""
         return jnp.ones(())
+
+    @property
+    def is_ridge(self) -> bool:
+        """The recursion is ridge regression."""
+        return True
 
 
 class EnhancedFactor(AbstractGainLaw):
@@ -99,6 +115,11 @@ class EnhancedFactor(AbstractGainLaw):
     def memory(self) -> Scalar:
         """Nothing is forgotten."""
         return jnp.ones(())
+
+    @property
+    def is_ridge(self) -> bool:
+        """With P(0) for κ, c scales the data."""
+        return False
 
 
 class ConstantFactor(AbstractGainLaw):
@@ -124,6 +145,11 @@ class ConstantFactor(AbstractGainLaw):
         """Nothing is forgotten."""
         return jnp.ones(())
 
+    @property
+    def is_ridge(self) -> bool:
+        """The weights follow the leverage."""
+        return False
+
 
 class ExponentialForgetting(AbstractGainLaw):
     """Ordinary RLS in which a sample's weight shrinks by λ with every later one.
@@ -147,6 +173,11 @@ class ExponentialForgetting(AbstractGainLaw):
     def memory(self) -> Scalar:
         """Return λ."""
         return self.forgetting
+
+    @property
+    def is_ridge(self) -> bool:
+        """Forgetting weighs the samples."""
+        return False
 
 
 class FitState(NamedTuple):
@@ -188,7 +219,8 @@ class RecursiveLeastSquares(eqx.Module):
         """
         require_float64("recursive least squares")
         zero = jnp.zeros_like(self.prior_scale)
-        return FitState((zero,) * size, scaled_identity(self.prior_scale, size), zero, zero, zero, zero)
+        scale = jax.lax.stop_gradient(self.prior_scale) if self.law.is_ridge else self.prior_scale
+        return FitState((zero,) * size, scaled_identity(scale, size), zero, zero, zero, zero)
 
     def step(self, state: FitState, features: tuple[Scalar, ...], target: Scalar) -> tuple[FitState, Scalar]:
         """Use one sample; return (state, stability factor a)."""
@@ -199,7 +231,9 @@ class RecursiveLeastSquares(eqx.Module):
         gain = once(factor / (1.0 + leverage))
         innovation = once(target - dot(features, state.coefficients))
         correction = once(gain * innovation)
-        normalised = once(innovation * once(1.0 / jnp.sqrt(spread)))
+        spread = self._with_prior(spread, lambda: dot(entries, entries))
+        seen = self._with_prior(innovation, lambda: -dot(entries, state.coefficients))
+        normalised = once(seen * once(1.0 / jnp.sqrt(spread)))
         memory = self.law.memory()
         covariance = rank_one_downdate(state.covariance, column, gain)
         if inflation is not None:
@@ -216,6 +250,13 @@ class RecursiveLeastSquares(eqx.Module):
         )
         return state, factor
 
+    def predict(self, state: FitState, direction: tuple[Scalar, ...]) -> Scalar:
+        """Return directionᵀη."""
+        value = dot(direction, state.coefficients)
+        return self._with_prior(
+            value, lambda: dot(tuple(combine_rows(state.covariance, direction)), state.coefficients)
+        )
+
     def variance(self, state: FitState, direction: tuple[Scalar, ...]) -> Scalar:
         """Return the posterior variance of directionᵀη.
 
@@ -224,7 +265,8 @@ class RecursiveLeastSquares(eqx.Module):
         far fewer independent samples than the recording has. Infinite until there are more samples than
         coefficients.
         """
-        spread = quadratic_form(state.covariance, direction) * self.law.posterior_scale()
+        column = tuple(combine_rows(state.covariance, direction))
+        spread = self._with_prior(dot(direction, column), lambda: dot(column, column)) * self.law.posterior_scale()
         freedom = state.weight - len(direction)
         noise = state.squares / jnp.maximum(freedom, 1.0)
         total = jnp.maximum(state.squares, jnp.finfo(spread.dtype).tiny)
@@ -240,4 +282,11 @@ class RecursiveLeastSquares(eqx.Module):
         """
         rows = state.covariance
         trace = dot([rows[i][i] for i in range(len(rows))], [jnp.ones_like(state.weight)] * len(rows))
+        trace = self._with_prior(trace, lambda: sum(jnp.vdot(row, row) for row in rows))
         return jnp.maximum(len(rows) - trace / self.prior_scale, 0.0)
+
+    def _with_prior(self, value: Scalar, slope: Callable[[], Scalar]) -> Scalar:
+        """Return `value`, its derivative in κ being `slope` / κ² where the fit is ridge regression."""
+        if not self.law.is_ridge:
+            return value
+        return with_slope(value, slope() / self.prior_scale**2, self.prior_scale)

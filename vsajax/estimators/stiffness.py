@@ -13,7 +13,7 @@ from vsajax.estimators.gate import ExcitationGate, GateState
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.torque import AbstractTorqueSource, Kinematics
 from vsajax.estimators.velocity import AbstractVelocityFilter, FiniteDifference
-from vsajax.numerics import dot, once
+from vsajax.numerics import once
 from vsajax.types import Estimate, Sample, Scalar, Signals
 
 
@@ -76,13 +76,13 @@ class StiffnessEstimator(AbstractEstimator):
         kinematics, torque = once((kinematics, torque))
         features, slopes = once(self.basis(kinematics.setpoint, kinematics.deflection))
         fit, factor = self.fit.step(state.fit, features, torque)
-        stiffness = once(dot(slopes, fit.coefficients))
+        stiffness = once(self.fit.predict(fit, slopes))
         std = once(jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0)))
         gate, known = self.gate.step(state.gate, kinematics.deflection, stiffness, std)
         signals = Signals(
             kinematics.deflection, torque, kinematics.motor_velocity, factor, self.fit.determined(fit)
         )
-        estimate = Estimate(stiffness, std, dot(features, fit.coefficients), known, signals)
+        estimate = Estimate(stiffness, std, self.fit.predict(fit, features), known, signals)
         return EstimatorState(motor, link, torque_state, fit, gate), estimate
 
     @property

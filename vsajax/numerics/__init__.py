@@ -1,12 +1,11 @@
 """Scalar mathematics that compiles to fast scan bodies: no LAPACK, no library call per lane."""
 
-from vsajax.numerics.functions import damped_response, logistic, safe_divide, safe_sqrt, smooth_sign
+from vsajax.numerics.functions import damped_response, logistic, safe_divide, safe_sqrt, smooth_sign, with_slope
 from vsajax.numerics.fusion import once
 from vsajax.numerics.rows import (
     Rows,
     combine_rows,
     dot,
-    quadratic_form,
     rank_one_downdate,
     scaled_identity,
     scaled_symmetric_part,
@@ -21,7 +20,6 @@ __all__ = [
     "dot",
     "logistic",
     "once",
-    "quadratic_form",
     "rank_one_downdate",
     "safe_divide",
     "safe_sqrt",
@@ -29,4 +27,5 @@ __all__ = [
     "scaled_symmetric_part",
     "sin",
     "smooth_sign",
+    "with_slope",
 ]

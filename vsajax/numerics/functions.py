@@ -2,10 +2,29 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Value = Float[Array, "..."]
+
+
+@jax.custom_jvp
+def with_slope(value: Value, slope: Value, variable: Value) -> Value:
+    """Return `value`, whose derivative gains `slope` · d`variable`: for what is known in closed form.
+
+    `value` must not depend on `variable` otherwise. First derivatives only: `slope` counts as constant.
+    """
+    return value
+
+
+@with_slope.defjvp
+def _with_slope_jvp(
+    primals: tuple[Value, Value, Value], tangents: tuple[Value, Value, Value]
+) -> tuple[Value, Value]:
+    value, slope, _ = primals
+    value_tangent, _, variable_tangent = tangents
+    return value, value_tangent + slope * variable_tangent
 
 
 def safe_divide(numerator: Value, denominator: Value) -> Value:

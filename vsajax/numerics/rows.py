@@ -38,11 +38,6 @@ def dot(left: Vector, right: Vector) -> Scalar:
     return total
 
 
-def quadratic_form(rows: Rows, vector: Vector) -> Scalar:
-    """Return vᵀ M v for a symmetric matrix."""
-    return dot(tuple(combine_rows(rows, vector)), vector)
-
-
 def rank_one_downdate(rows: Rows, vector: Float[Array, " d"], weight: Scalar) -> Rows:
     """Return M − weight · v vᵀ."""
     scaled = weight * vector

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.vsajax.builders import paper_basis, paper_estimator, paper_recording, residual_torque
+from tests.vsajax.programs import held_shapes, scans
 from vsajax import Recording, Scorer, experiment
 from vsajax.estimators import (
     ExponentialForgetting,
@@ -117,3 +118,46 @@ def test_other_filters_and_forgetting_have_finite_derivatives(golden, velocity):
     slopes = jax.jit(jax.grad(msrep))(estimator, recording, jnp.asarray(golden["sigma"][:100]))
     assert_finite(slopes)
     assert slopes.fit.law.forgetting != 0.0
+
+
+def test_every_answer_carries_the_priors_closed_form_derivative(golden):
+    recording = paper_recording(golden, "residual", SAMPLES)
+
+    def answers(log_prior):
+        fit = RecursiveLeastSquares(jnp.exp(log_prior))
+        estimate = experiment.estimate(
+            paper_estimator(residual_torque(), basis=paper_basis(2, 2), fit=fit), recording
+        )
+        signals = estimate.signals
+        late = slice(SAMPLES // 2, None)
+        return {
+            "stiffness": estimate.stiffness[late],
+            "standard deviation": estimate.stiffness_std[late],
+            "torque": estimate.elastic_torque[late],
+            "determined": signals.determined[late],
+        }
+
+    at, step = jnp.asarray(0.3), 1e-3
+    ours = jax.jit(jax.jacfwd(answers))(at)
+    run = jax.jit(answers)
+    two_before, before, after, two_after = (run(at + n * step) for n in (-2, -1, 1, 2))
+    for name, slope in ours.items():
+        theirs = (two_before[name] - 8 * before[name] + 8 * after[name] - two_after[name]) / (12 * step)
+        scale = float(jnp.max(jnp.abs(theirs)))
+        np.testing.assert_allclose(slope, theirs, rtol=1e-6, atol=1e-6 * scale, err_msg=name)
+        assert scale > 1e-3 * float(jnp.max(jnp.abs(run(at)[name]))), f"{name} does not feel the prior"
+
+
+@pytest.mark.structure
+@pytest.mark.parametrize(("deflection", "times"), [("raw", 1), ("filtered", 2)])
+def test_the_covariance_has_a_derivative_only_where_the_features_have_one(golden, deflection, times):
+    basis, recording = paper_basis(2, 2), paper_recording(golden, "residual", 16)
+
+    def residuals(log_parameters):
+        own = tuned(log_parameters)
+        estimator = StiffnessEstimator(own.torque, basis, own.fit, own.velocity, deflection=deflection)
+        return experiment.residuals(estimator, recording, jnp.ones(16), scorer=Scorer())
+
+    program = jax.make_jaxpr(jax.jacfwd(residuals))(jnp.asarray(AT))
+    rows = [sum(shape[-1:] == (basis.size,) for shape in held_shapes(loop)) for loop in scans(program)]
+    assert max(rows) == times * basis.size
