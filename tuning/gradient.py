@@ -1,4 +1,9 @@
-"""Gradient tuning: forward-mode derivatives of the population's residual vector, into optimistix."""
+"""Gradient tuning: least squares over all residuals of all scenarios, accumulated as they run, into optimistix.
+
+optimistix is given a handful of residuals that stand for all: r = R[:, q] and J = R[:, :q] of a square root
+RᵀR = [J r]ᵀ[J r]. Levenberg–Marquardt sees nothing else of the residuals, so its steps are the same, and memory
+grows neither with the recordings' length nor with their number.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +17,12 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from tuning.problem import Problem, Scenario
+from tuning.problem import Given, Problem, Scenario
 from tuning.space import Space, Vector
+from vsajax import experiment, rollout, sensitivity
 
 Algorithm = Literal["levenberg-marquardt", "bfgs"]
+Lane = tuple[Scenario, experiment.Observed | None]
 
 
 @dataclass(frozen=True)
@@ -55,20 +62,78 @@ class GradientTuner:
     algorithm: Algorithm = "levenberg-marquardt"
     max_steps: int = 60
 
-    def residuals(self, z: Vector, given: Any) -> Float[Array, " residual"]:
-        """Return the vector whose squared norm is the objective's statistic over the scenarios [√%]."""
-        values = self.space.constrain(z)
-        each = jax.vmap(lambda scenario: self.problem.residuals(values, scenario, given))(self.scenarios)
-        # The statistic is a weighted sum of the scenarios' scores whose weights follow from their order alone.
-        scores = jax.lax.stop_gradient(jnp.sum(each**2, axis=1))
-        ranks = jnp.argsort(jnp.argsort(scores))
-        weights = jnp.asarray(self.problem.study.tune.statistic.ranked_weights(scores.size))[ranks]
-        return (jnp.sqrt(weights)[:, None] * each).reshape(-1)
+    @cached_property
+    def observed(self) -> experiment.Observed | None:
+        """What is recorded in every scenario; `None` where the tuned numbers change it."""
+        if any(not path.startswith("estimator.") for path in self.space.paths):
+            return None
+        observe = jax.jit(
+            lambda lanes, given: rollout.map_lanes(lambda s, g: self.problem.observe({}, s, g), lanes, given)
+        )
+        return observe(self.scenarios, self.problem.given)
+
+    @property
+    def given(self) -> Any:
+        """What `objective` and `residuals` are given, as arguments of one compiled program."""
+        return (self.scenarios, self.observed), self.problem.given
+
+    def loop(self, z: Vector, lane: Lane, given: Given) -> sensitivity.Loop:
+        """Return the loop over a scenario's residuals."""
+        values, (scenario, observed) = self.space.constrain(z), lane
+        if observed is None:
+            observed = self.problem.observe(values, scenario, given)
+        return self.problem.residual_loop(values, scenario, given, observed)
+
+    def normal_equations(self, z: Vector, given: Any) -> Float[Array, "q q"]:
+        """Return MᵀM of M = [J r], r all scenarios' residuals whose squares sum to the objective [√%]."""
+
+        def of_one(lane: Lane, shared: tuple[Vector, Given]) -> Float[Array, "q q"]:
+            return sensitivity.normal_equations(lambda z: self.loop(z, lane, shared[1]), shared[0])
+
+        lanes, common = given
+        each = rollout.map_lanes(of_one, lanes, (z, common))
+        return jnp.tensordot(self._weights(each[:, -1, -1]), each, axes=1)
 
     def objective(self, z: Vector, given: Any) -> Float[Array, ""]:
-        """Return the objective's statistic over the scenarios [%]."""
-        residuals = self.residuals(z, given)
-        return residuals @ residuals
+        """Return the objective's statistic over the scenarios [%]. It has first derivatives."""
+
+        @jax.custom_jvp
+        def value(z: Vector, given: Any) -> Float[Array, ""]:
+            def of_one(lane: Lane, shared: tuple[Vector, Given]) -> Float[Array, ""]:
+                return sensitivity.sum_of_squares(self.loop(shared[0], lane, shared[1]))
+
+            lanes, common = given
+            scores = rollout.map_lanes(of_one, lanes, (z, common))
+            return self._weights(scores) @ scores
+
+        @value.defjvp
+        def _(primals: Any, tangents: Any) -> tuple[Float[Array, ""], Float[Array, ""]]:
+            square = self.normal_equations(*primals)
+            return square[-1, -1], 2.0 * square[-1, :-1] @ tangents[0]
+
+        return value(z, given)
+
+    def residuals(self, z: Vector, given: Any) -> Float[Array, " q"]:
+        """Return few residuals with the squared norm, the gradient and the Gauss–Newton matrix of all.
+
+        They are those of a square root of `normal_equations`. They have first derivatives.
+        """
+
+        @jax.custom_jvp
+        def few(z: Vector, given: Any) -> Float[Array, " q"]:
+            return _root(self.normal_equations(z, given))[:, -1]
+
+        @few.defjvp
+        def _(primals: Any, tangents: Any) -> tuple[Float[Array, " q"], Float[Array, " q"]]:
+            root = _root(self.normal_equations(*primals))
+            return root[:, -1], root[:, :-1] @ tangents[0]
+
+        return few(z, given)
+
+    def _weights(self, scores: Float[Array, " scenario"]) -> Float[Array, " scenario"]:
+        """Return the statistic's weights, which follow from the scores' order alone."""
+        ranks = jnp.argsort(jnp.argsort(scores))
+        return jnp.asarray(self.problem.study.tune.statistic.ranked_weights(scores.size))[ranks]
 
     @cached_property
     def _solve(self) -> Callable[[Vector, Any], tuple[Vector, Float[Array, ""], Any, Any]]:
@@ -102,9 +167,17 @@ class GradientTuner:
     def run(self, start: dict[str, float]) -> Outcome:
         """Minimise from one start. Starts are run one after another: batched ones wait for the slowest."""
         z = self.space.unconstrain({path: jnp.asarray(value) for path, value in start.items()})
-        z, objective, steps, result = self._solve(z, self.problem.given)
+        z, objective, steps, result = self._solve(z, self.given)
         values = {path: float(value) for path, value in self.space.constrain(z).items()}
         return Outcome(start, values, float(objective), int(steps), _ending(result))
+
+
+def _root(square: Float[Array, "q q"]) -> Float[Array, "q q"]:
+    """Return R with RᵀR = `square`, which is positive semidefinite up to rounding."""
+    size = jnp.sqrt(jnp.diagonal(square))
+    scale = jnp.where(size > 0.0, size, 1.0)
+    values, vectors = jnp.linalg.eigh(square / (scale[:, None] * scale))
+    return jnp.sqrt(jnp.maximum(values, 0.0))[:, None] * vectors.T * scale
 
 
 def _ending(result: optx.RESULTS) -> str:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Key
 from tuning.build import build_bench, with_leaves
 from tuning.integration import check_substeps, choose_substeps, motion_of
 from tuning.study import Study, numeric_paths
-from vsajax import Bench, Scores, Truth, experiment, plants
+from vsajax import Bench, Recording, Scores, Truth, experiment, plants, sensitivity
 
 Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
@@ -170,16 +170,14 @@ class Problem:
 
     @property
     def given(self) -> Given:
-        """What `record`, `scores` and `residuals` are given."""
+        """What `record`, `scores` and `residual_loop` are given."""
         return Given(self.bench, self.shared_truth)
 
-    def record(self, scenario: Scenario, given: Given) -> tuple[Truth, experiment.Recording]:
+    def record(self, scenario: Scenario, given: Given) -> tuple[Truth, Recording]:
         """Return the motion and its recording in a scenario."""
         return self._record(with_leaves(given.bench, scenario.numbers), scenario.key, given.truth)
 
-    def _record(
-        self, bench: Bench, key: Key[Array, ""], shared: Truth | None
-    ) -> tuple[Truth, experiment.Recording]:
+    def _record(self, bench: Bench, key: Key[Array, ""], shared: Truth | None) -> tuple[Truth, Recording]:
         truth = shared
         if truth is None:
             truth = experiment.simulate(bench, key=jax.random.fold_in(key, _CLOCK), substeps=self.substeps)
@@ -204,14 +202,16 @@ class Problem:
         status = jnp.where(is_coarse, Status.STEP_TOO_COARSE, status)
         return Outcome(scores, jnp.where(is_finite, status, Status.MOTION_DIVERGED))
 
-    def residuals(self, values: Values, scenario: Scenario, given: Given) -> Float[Array, " time"]:
-        """Return the vector whose squared norm is the scenario's objective [√%]."""
+    def observe(self, values: Values, scenario: Scenario, given: Given) -> experiment.Observed:
+        """Return what is recorded at `values` in a scenario, with its truth."""
         bench = with_leaves(given.bench, {**scenario.numbers, **values})
         truth, recording = self._record(bench, scenario.key, given.truth)
-        return experiment.residuals(
-            bench.estimator,
-            recording,
-            truth.motion.stiffness,
-            scorer=bench.scorer,
-            settled=self.study.tune.objective == "msrep_settled",
-        )
+        settled = self.study.tune.objective == "msrep_settled"
+        return experiment.observe(recording, truth.motion.stiffness, scorer=bench.scorer, settled=settled)
+
+    def residual_loop(
+        self, values: Values, scenario: Scenario, given: Given, observed: experiment.Observed
+    ) -> sensitivity.Loop:
+        """Return the loop whose residuals' squares sum to the scenario's objective [%] at `values`."""
+        bench = with_leaves(given.bench, {**scenario.numbers, **values})
+        return experiment.residual_loop(bench.estimator, observed, scorer=bench.scorer)

@@ -5,7 +5,7 @@ Everything is one function and what JAX does to it::
     score = metric(truth, estimate(estimator, measure(sensors, simulate(joint, excitation))))
 """
 
-from vsajax import estimators, experiment, metrics, numerics, plants, rollout, sensing
+from vsajax import estimators, experiment, metrics, numerics, plants, rollout, sensing, sensitivity
 from vsajax.experiment import Bench, Truth, estimate, measure, score, simulate
 from vsajax.metrics import Scorer, Scores
 from vsajax.types import Estimate, MissingSignalError, PrecisionError, Recording, Sample
@@ -32,5 +32,6 @@ __all__ = [
     "rollout",
     "score",
     "sensing",
+    "sensitivity",
     "simulate",
 ]

@@ -5,18 +5,19 @@ This is the only module that knows plants and estimators. Everything here is unb
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
-from vsajax import plants, rollout
+from vsajax import plants, rollout, sensitivity
 from vsajax.estimators import AbstractEstimator
 from vsajax.metrics import Scorer, Scores, ScoreState
 from vsajax.plants import AbstractJoint, Torques
 from vsajax.sensing import Clock, Excitation, SensorSuite
-from vsajax.types import Estimate, Recording, Scalar, Series
+from vsajax.types import Estimate, Recording, Sample, Scalar, Series
 
 
 class Bench(eqx.Module):
@@ -118,21 +119,62 @@ def score_estimate(time: Series, stiffness: Series, answer: Estimate, *, scorer:
     return scorer.scores(rollout.scan(step, scorer.init(), (time, stiffness, answer))[0])
 
 
-def residuals(
-    estimator: AbstractEstimator,
-    recording: Recording,
-    stiffness: Series,
-    *,
-    scorer: Scorer,
-    settled: bool = False,
-) -> Float[Array, " time"]:
-    """Return the vector whose squared norm is the recording's MSREP [√%], for least-squares tuning.
+class Observed(NamedTuple):
+    """A recording made ready for least-squares tuning, `(time,)` a signal.
 
-    Element k is 10 (σ − σ̂)/σ / √p, with p as in (36); with `settled`, 0 before the scorer's warm-up time.
+    Args:
+        samples: as `Recording.samples` gives them.
+        time: of the samples [s].
+        stiffness: the true stiffness [N·m/rad].
+        start: errors count from this time [s].
+        scale: 10/√p with p as in (36), for which the squares of the relative errors sum to the MSREP [%].
     """
-    answer = estimate(estimator, recording)
-    counts = jnp.abs(stiffness) > scorer.stiffness_floor
-    if settled:
-        counts = counts & (recording.time >= scorer.warm_up)
-    relative = jnp.where(counts, scorer.relative_error(stiffness, answer.stiffness), 0.0)
-    return 10.0 * relative / jnp.sqrt(jnp.sum(counts) - 1.0)
+
+    samples: Sample
+    time: Series
+    stiffness: Series
+    start: Scalar
+    scale: Scalar
+
+
+def observe(recording: Recording, stiffness: Series, *, scorer: Scorer, settled: bool = False) -> Observed:
+    """Return a recording made ready for tuning against its true stiffness [N·m/rad].
+
+    With `settled`, errors before the scorer's warm-up time do not count.
+    """
+    start = scorer.warm_up if settled else jnp.full_like(scorer.warm_up, -jnp.inf)
+    counted = jnp.sum((jnp.abs(stiffness) > scorer.stiffness_floor) & (recording.time >= start))
+    return Observed(recording.samples(), recording.time, stiffness, start, 10.0 / jnp.sqrt(counted - 1.0))
+
+
+class ResidualStep(eqx.Module):
+    """An estimator's step that returns the relative error of its stiffness, scaled.
+
+    Args:
+        step: (state, input) -> (state, estimate).
+        scorer: what a relative error is.
+        start: errors count from this time [s].
+        scale: what they are multiplied by.
+    """
+
+    step: Callable[[Any, Any], tuple[Any, Estimate]]
+    scorer: Scorer
+    start: Scalar
+    scale: Scalar
+
+    def __call__(self, state: Any, sample: tuple[Any, Scalar, Scalar]) -> tuple[Any, Scalar]:
+        """Process an input at a time, with its true stiffness."""
+        inputs, time, stiffness = sample
+        state, answer = self.step(state, inputs)
+        relative = self.scorer.relative_error(stiffness, answer.stiffness)
+        return state, jnp.where(time >= self.start, self.scale * relative, 0.0)
+
+
+def residual_loop(estimator: AbstractEstimator, observed: Observed, *, scorer: Scorer) -> sensitivity.Loop:
+    """Return the loop over residuals 10 (σ − σ̂)/σ / √p, whose squares sum to the MSREP [%].
+
+    `sensitivity.run` gives them all, `sensitivity.normal_equations` what Gauss–Newton needs of them.
+    """
+    prepared = estimator.offline(observed.samples)
+    step = ResidualStep(prepared.step, scorer, observed.start, observed.scale)
+    return sensitivity.Loop(step, prepared.state, (prepared.inputs, observed.time, observed.stiffness))

@@ -11,6 +11,7 @@ from tests.tuning.builders import SERIAL, tiny_tuning
 from tuning.gradient import GradientTuner
 from tuning.study import load_study
 from tuning.tune import Search
+from vsajax import sensitivity
 
 POINTS = 5
 
@@ -31,7 +32,7 @@ def starts(tuner: GradientTuner, own: dict[str, float]) -> list[jax.Array]:
 
 @pytest.mark.gradient
 def test_the_gradient_matches_central_differences(awas):
-    given = awas.problem.given
+    given = awas.given
     objective = jax.jit(lambda z: awas.objective(z, given))
     gradient = jax.jit(jax.jacfwd(lambda z: awas.objective(z, given)))
     # Truncation is h²/6 times third over first derivative, about h² here and 100 h² at worst: 1e-8 to 1e-6.
@@ -46,17 +47,42 @@ def test_the_gradient_matches_central_differences(awas):
         np.testing.assert_allclose(exact, differences, rtol=1e-6)
 
 
+def all_residuals(tuner: GradientTuner, z: jax.Array) -> jax.Array:
+    """Return every residual of every scenario, `(scenario, time)`."""
+    lanes, common = tuner.given
+    return jax.vmap(lambda lane: sensitivity.run(tuner.loop(z, lane, common)))(lanes)
+
+
 @pytest.mark.gradient
-def test_forward_and_reverse_mode_agree_and_are_finite_up_to_the_bounds():
+@pytest.mark.equivalence
+def test_few_residuals_stand_for_all_up_to_the_bounds():
     tuner = Search(tiny_tuning(), "gradient").tuner
-    given = tuner.problem.given
-    forward = jax.jit(jax.jacfwd(lambda z: tuner.objective(z, given)))
-    reverse = jax.jit(jax.grad(lambda z: tuner.objective(z, given)))
+    given, count = tuner.given, tuner.problem.study.scenarios.train
+    few = jax.jit(lambda z: (tuner.residuals(z, given), jax.jacfwd(tuner.residuals)(z, given)))
+    slope = jax.jit(lambda z: (jax.jacfwd(tuner.objective)(z, given), jax.grad(tuner.objective)(z, given)))
+    every = jax.jit(lambda z: (all_residuals(tuner, z), jax.jacfwd(lambda z: all_residuals(tuner, z))(z)))
     # The sigmoid of 40 is 1 to the last bit: beyond, nothing moves.
     for z in (jnp.array([0.3, -0.7]), jnp.array([-40.0, 40.0]), jnp.array([40.0, -40.0])):
-        # Sums of 3 × 200 terms in two orders, through 200 recursive steps.
-        np.testing.assert_allclose(forward(z), reverse(z), rtol=1e-9, atol=1e-12)
-        assert np.isfinite(forward(z)).all()
+        (r, jacobian), (whole, of_whole) = few(z), every(z)
+        whole, of_whole = whole.reshape(-1), of_whole.reshape(-1, z.size)
+        # Sums of 3 × 200 products in another order.
+        close = {"rtol": 1e-9, "atol": 1e-12}
+        np.testing.assert_allclose(r @ r, whole @ whole / count, **close)
+        np.testing.assert_allclose(jacobian.T @ r, of_whole.T @ whole / count, **close)
+        np.testing.assert_allclose(jacobian.T @ jacobian, of_whole.T @ of_whole / count, **close)
+        for mode in slope(z):
+            np.testing.assert_allclose(mode, 2.0 * of_whole.T @ whole / count, **close)
+
+
+@pytest.mark.structure
+def test_memory_grows_neither_with_the_recordings_nor_with_the_residuals():
+    def temporary(duration: float) -> int:
+        tuner = Search(tiny_tuning(f"clock.duration={duration}", "scenarios.train=4"), "gradient").tuner
+        program = jax.jit(lambda z, given: jax.jacfwd(tuner.residuals)(z, given))
+        return program.lower(jnp.zeros(2), tuner.given).compile().memory_analysis().temp_size_in_bytes
+
+    # 400 and 10,000 samples in segments of 20 and 100: what one segment of four recordings takes is copied.
+    assert temporary(10.0) - temporary(0.4) < 4 * 100 * 10 * 8
 
 
 @pytest.mark.gradient
@@ -67,7 +93,7 @@ def test_every_algorithm_leads_down_within_the_bounds(algorithm):
     tuner, own = search.tuner, search.own
     outcome = tuner.run(own)
     z = tuner.space.unconstrain({path: jnp.asarray(value) for path, value in own.items()})
-    before = float(tuner.objective(z, tuner.problem.given))
+    before = float(tuner.objective(z, tuner.given))
     assert outcome.start == own
     assert outcome.message in {"converged", "step limit"}
     assert 0 < outcome.steps <= 30
@@ -76,7 +102,8 @@ def test_every_algorithm_leads_down_within_the_bounds(algorithm):
         assert bounds.low <= outcome.values[path] <= bounds.high
     # What it reports is the mean score of the training scenarios there.
     values = {path: jnp.asarray(value) for path, value in outcome.values.items()}
-    given = tuner.problem.given
-    residuals = jax.jit(jax.vmap(lambda scenario: tuner.problem.residuals(values, scenario, given)))
-    again = jnp.sum(residuals(tuner.scenarios) ** 2) / study.scenarios.train
+    (scenarios, observed), common = tuner.given
+    loop = tuner.problem.residual_loop
+    one = jax.jit(jax.vmap(lambda scenario, seen: sensitivity.run(loop(values, scenario, common, seen))))
+    again = jnp.sum(one(scenarios, observed) ** 2) / study.scenarios.train
     assert float(again) == pytest.approx(outcome.objective, rel=1e-9)

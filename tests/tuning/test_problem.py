@@ -15,6 +15,7 @@ from tuning.errors import InputError
 from tuning.integration import motion_of
 from tuning.problem import Given, Problem, draw_scenarios
 from tuning.study import load_study
+from vsajax import sensitivity
 
 SHORT_SEA = ("clock.duration=0.2", "sweep={}", "tune={}")
 
@@ -124,7 +125,8 @@ def test_the_squared_norm_of_the_residuals_is_the_score(objective):
     problem = Problem(study)
     values = {GAIN: jnp.asarray(200.0), PRIOR: jnp.asarray(0.5)}
     (key,) = scenarios_of(study, "train", 1)
-    residuals = problem.residuals(values, key, problem.given)
+    observed = problem.observe(values, key, problem.given)
+    residuals = sensitivity.run(problem.residual_loop(values, key, problem.given, observed))
     score = getattr(problem.scores(values, key, problem.given), objective)
     # Sums of 200 squares in another order.
     np.testing.assert_allclose(residuals @ residuals, score, rtol=200 * 2.0**-52)

@@ -22,6 +22,7 @@ ALLOWED = {
     "types": set(),
     "numerics": {"types"},
     "rollout": {"types", "numerics"},
+    "sensitivity": {"types", "rollout"},
     "plants": {"types", "numerics", "rollout"},
     "sensing": {"types", "numerics"},
     "estimators": {"types", "numerics", "rollout"},

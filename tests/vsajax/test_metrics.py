@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vsajax import Estimate, Scorer, Scores, experiment
+from vsajax import Estimate, Scorer, Scores, experiment, sensitivity
 from vsajax.types import Signals
 
 pytestmark = pytest.mark.oracle
@@ -135,8 +135,11 @@ def test_residuals_square_to_the_msrep(golden):
     estimator = paper_estimator(basis=paper_basis(2, 1))
     for settled in (False, True):
         scorer = Scorer(warm_up=0.1)
-        residuals = experiment.residuals(estimator, recording, truth, scorer=scorer, settled=settled)
+        observed = experiment.observe(recording, truth, scorer=scorer, settled=settled)
+        loop = experiment.residual_loop(estimator, observed, scorer=scorer)
+        residuals = sensitivity.run(loop)
         scores = experiment.score(estimator, recording, truth, scorer=scorer)
         expected = scores.msrep_settled if settled else scores.msrep
         np.testing.assert_allclose(jnp.sum(residuals**2), expected, rtol=1e-12)
+        np.testing.assert_allclose(sensitivity.sum_of_squares(loop), expected, rtol=1e-12)
         assert residuals.shape == (300,)

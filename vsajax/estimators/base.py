@@ -18,7 +18,7 @@ class Prepared(NamedTuple):
     Args:
         state: before the first sample.
         inputs: with a leading time axis.
-        step: (state, input) -> (state, estimate).
+        step: (state, input) -> (state, estimate); a module or a method of one, so that its leaves are seen.
     """
 
     state: Any

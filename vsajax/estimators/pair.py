@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 
 from vsajax.estimators.base import AbstractEstimator, Prepared
@@ -52,13 +54,26 @@ class AntagonisticPair(AbstractEstimator):
     def offline(self, samples: Sample) -> Prepared:
         """Return both sides over a whole recording."""
         first, second = (e.offline(samples.side(n)) for n, e in enumerate(self.both, 1))
-
-        def step(state: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[tuple[Any, Any], Estimate]:
-            left, one = first.step(state[0], inputs[0])
-            right, two = second.step(state[1], inputs[1])
-            return (left, right), _sum(one, two)
-
+        step = BothSteps(first.step, second.step)
         return Prepared((first.state, second.state), (first.inputs, second.inputs), step)
+
+
+class BothSteps(eqx.Module):
+    """The steps of two prepared recordings as one.
+
+    Args:
+        first: of side 1.
+        second: of side 2.
+    """
+
+    first: Callable[[Any, Any], tuple[Any, Estimate]]
+    second: Callable[[Any, Any], tuple[Any, Estimate]]
+
+    def __call__(self, state: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[tuple[Any, Any], Estimate]:
+        """Process one sample on both sides; return (states, sum)."""
+        left, one = self.first(state[0], inputs[0])
+        right, two = self.second(state[1], inputs[1])
+        return (left, right), _sum(one, two)
 
 
 def _sum(first: Estimate, second: Estimate) -> Estimate:

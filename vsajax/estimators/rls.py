@@ -282,7 +282,7 @@ class RecursiveLeastSquares(eqx.Module):
         """
         rows = state.covariance
         trace = dot([rows[i][i] for i in range(len(rows))], [jnp.ones_like(state.weight)] * len(rows))
-        trace = self._with_prior(trace, lambda: sum(jnp.vdot(row, row) for row in rows))
+        trace = self._with_prior(trace, lambda: jnp.sum(jnp.square(jnp.stack(rows))))
         return jnp.maximum(len(rows) - trace / self.prior_scale, 0.0)
 
     def _with_prior(self, value: Scalar, slope: Callable[[], Scalar]) -> Scalar:

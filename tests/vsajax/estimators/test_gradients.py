@@ -8,7 +8,7 @@ import pytest
 
 from tests.vsajax.builders import paper_basis, paper_estimator, paper_recording, residual_torque
 from tests.vsajax.programs import held_shapes, scans
-from vsajax import Recording, Scorer, experiment
+from vsajax import Recording, Scorer, experiment, sensitivity
 from vsajax.estimators import (
     ExponentialForgetting,
     FiniteDifference,
@@ -36,7 +36,8 @@ def tuned(log_parameters: jax.Array) -> StiffnessEstimator:
 
 
 def msrep(estimator: StiffnessEstimator, recording: Recording, stiffness: jax.Array) -> jax.Array:
-    return jnp.sum(experiment.residuals(estimator, recording, stiffness, scorer=Scorer()) ** 2)
+    observed = experiment.observe(recording, stiffness, scorer=Scorer())
+    return sensitivity.sum_of_squares(experiment.residual_loop(estimator, observed, scorer=Scorer()))
 
 
 def assert_finite(tree) -> None:
@@ -156,7 +157,8 @@ def test_the_covariance_has_a_derivative_only_where_the_features_have_one(golden
     def residuals(log_parameters):
         own = tuned(log_parameters)
         estimator = StiffnessEstimator(own.torque, basis, own.fit, own.velocity, deflection=deflection)
-        return experiment.residuals(estimator, recording, jnp.ones(16), scorer=Scorer())
+        observed = experiment.observe(recording, jnp.ones(16), scorer=Scorer())
+        return sensitivity.run(experiment.residual_loop(estimator, observed, scorer=Scorer()))
 
     program = jax.make_jaxpr(jax.jacfwd(residuals))(jnp.asarray(AT))
     rows = [sum(shape[-1:] == (basis.size,) for shape in held_shapes(loop)) for loop in scans(program)]
