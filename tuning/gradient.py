@@ -22,6 +22,8 @@ from tuning.space import Space, Vector
 from vsajax import experiment, rollout, sensitivity
 
 Algorithm = Literal["levenberg-marquardt", "bfgs"]
+LANES_PER_CHUNK = 128
+"""A chunk of several is copied out of all recordings; a single one, on every core, is not."""
 Lane = tuple[Scenario, experiment.Observed | None]
 
 
@@ -91,7 +93,7 @@ class GradientTuner:
             return sensitivity.normal_equations(lambda z: self.loop(z, lane, shared[1]), shared[0])
 
         lanes, common = given
-        each = rollout.map_lanes(of_one, lanes, (z, common))
+        each = rollout.map_lanes(of_one, lanes, (z, common), chunk=LANES_PER_CHUNK)
         return jnp.tensordot(self._weights(each[:, -1, -1]), each, axes=1)
 
     def objective(self, z: Vector, given: Any) -> Float[Array, ""]:
@@ -103,7 +105,7 @@ class GradientTuner:
                 return sensitivity.sum_of_squares(self.loop(shared[0], lane, shared[1]))
 
             lanes, common = given
-            scores = rollout.map_lanes(of_one, lanes, (z, common))
+            scores = rollout.map_lanes(of_one, lanes, (z, common), chunk=LANES_PER_CHUNK)
             return self._weights(scores) @ scores
 
         @value.defjvp

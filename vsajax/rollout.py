@@ -104,6 +104,15 @@ def map_lanes(
     return jax.tree.map(lambda y: y[:count], results)
 
 
+def divisor_near(steps: int, length: int) -> int:
+    """Return a divisor of `steps` within a factor of two of `length`, else `length`.
+
+    Segments of that length leave no shorter one, whose loop would be compiled a second time.
+    """
+    near = [n for n in range(max(length // 2, 1), 2 * length + 1) if steps % n == 0]
+    return min(near, key=lambda n: abs(math.log(n / length)), default=length)
+
+
 def _segment_of(steps: int) -> int:
     """Return a length near √steps that leaves no shorter segment, whose loop would be compiled a second time."""
     root = math.isqrt(steps)

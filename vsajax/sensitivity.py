@@ -19,6 +19,8 @@ from jaxtyping import Array, Float, PyTree
 from vsajax import rollout
 from vsajax.types import Scalar
 
+_SEGMENT = 64
+
 
 class Loop(NamedTuple):
     """What `rollout.scan` runs to give residuals, as one pytree, so that any part of it can depend on parameters.
@@ -79,13 +81,16 @@ def normal_equations(loop_at: Callable[[Float[Array, " p"]], Loop], at: Float[Ar
             return jax.jvp(step, (moving,), (direction,), has_aux=True)
 
         directions = Loop(sensitivity.step, of_state, of_inputs)
-        (_, residual), (of_state, slopes), state = jax.vmap(step_along, out_axes=(None, 0, None))(directions)
+        along_all = jax.vmap(step_along, out_axes=(None, 0, None), axis_size=at.size)
+        (_, residual), (of_state, slopes), state = along_all(directions)
         row = jnp.concatenate([slopes, residual[None]])
         return (state, of_state, total + row[:, None] * row), None
 
     start = (loop.state, sensitivity.state, jnp.zeros((at.size + 1, at.size + 1), at.dtype))
     inputs = (loop.inputs, jax.tree.map(lambda x: jnp.moveaxis(x, 0, 1), sensitivity.inputs))
-    return rollout.scan(advance, start, inputs)[0][2]
+    # Nothing is differentiated in reverse: segments need not grow with the number of samples.
+    segment = rollout.divisor_near(jax.tree.leaves(loop.inputs)[0].shape[0], _SEGMENT)
+    return rollout.scan(advance, start, inputs, segment=segment)[0][2]
 
 
 def _settle(loop: Loop, moved: Loop) -> Loop:

@@ -134,6 +134,11 @@ def nanoseconds_per_step(work: Workload, repeats: int) -> float:
     return 1e9 * min(_in_turn(lambda: compiled(*work.arguments), None, repeats)[0]) / work.steps
 
 
+def temporary_bytes(work: Workload) -> int:
+    """Return the memory that the program takes beside its arguments and results [bytes]."""
+    return _compile(work.program, work.arguments)[0].memory_analysis().temp_size_in_bytes
+
+
 def measure_peak(opponent: Opponent) -> float:
     """Return the floating-point peak of all cores together [flop/ns].
 

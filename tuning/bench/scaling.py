@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import json
 import os
+import statistics
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from tuning.bench.kernels import KERNELS
-from tuning.bench.measure import nanoseconds_per_step
+from tuning.bench.measure import nanoseconds_per_step, temporary_bytes
 from tuning.runtime import usable_cores
 
 LANES = (64, 256, 1024, 4096, 16384)
-DURATIONS = (0.5, 2.0, 8.0)
+DURATIONS = (1.0, 5.0, 20.0)
 DRAWS = (1, 8, 64)
 FLAT = 1.5
 """Cost per lane-step may differ by this factor from one number of lanes to another."""
 SPEED_UP = 1.7
 """Two cores must be this many times as fast as one."""
+CONSTANT = 1.1 / 0.9
+"""A gradient's memory may differ by this factor, ±10 %, from one number of samples to another."""
 _SCALED = ("awas_plant", "serial_estimator")
 _SHORT = "clock.duration=0.2"
 _REPEATS = 5
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -30,9 +35,10 @@ class Point:
 
     Args:
         kernel: its name.
-        axis: "lanes", "steps", "cores" or "grid".
-        value: on the axis; of a grid, the number of configurations times draws.
-        ns_per_step: per lane and sample [ns].
+        axis: "lanes", "steps", "cores" or "grid"; of a grid, the number of configurations times draws.
+        value: on the axis.
+        cost: at that value.
+        unit: "ns" per lane and sample, or "bytes" of temporary memory.
         ok: whether the axis, as far as it has a limit, holds.
         note: why not.
     """
@@ -40,25 +46,35 @@ class Point:
     kernel: str
     axis: str
     value: int
-    ns_per_step: float
-    ok: bool = True
-    note: str = ""
+    cost: float
+    unit: str
+    ok: bool
+    note: str
 
 
 def measure_scaling(kernels: tuple[str, ...] = _SCALED) -> list[Point]:
-    """Return the costs of some kernels over every axis, and of the sweep over its grid's size."""
+    """Return the costs of some kernels over every axis, of the sweep over its grid's size, and gradient memory."""
     points: list[Point] = []
     for name in kernels:
-        points += _judged(name, "lanes", {lanes: _cost(name, lanes, _SHORT) for lanes in LANES})
-        for seconds in DURATIONS:
-            work = KERNELS[name].prepare(64, [f"clock.duration={seconds}"])
-            points.append(Point(name, "steps", work.samples, nanoseconds_per_step(work, _REPEATS)))
+        points += _flat(name, "lanes", {lanes: _cost(name, lanes, _SHORT) for lanes in LANES}, FLAT)
+        points += _flat(name, "steps", dict(_over_time(name)), FLAT)
         if usable_cores() > 1:
-            points += _judged(name, "cores", {cores: cost_on(name, cores) for cores in (1, 2)})
-    for draws in DRAWS:
-        work = KERNELS["sweep"].prepare(KERNELS["sweep"].lanes * draws // max(DRAWS), [_SHORT])
-        points.append(Point("sweep", "grid", work.lanes, nanoseconds_per_step(work, _REPEATS)))
-    return points
+            points += _sped_up(name)
+    sizes = [KERNELS["sweep"].lanes * draws // max(DRAWS) for draws in DRAWS]
+    points += _points("sweep", "grid", {size: _cost("sweep", size, _SHORT) for size in sizes}, "ns", None)
+    return points + _flat("gradient", "steps", dict(_memory_over_time("gradient")), CONSTANT, "bytes")
+
+
+def _over_time(name: str) -> Iterator[tuple[int, float]]:
+    for seconds in DURATIONS:
+        work = KERNELS[name].prepare(64, [f"clock.duration={seconds}"])
+        yield work.samples, nanoseconds_per_step(work, _REPEATS)
+
+
+def _memory_over_time(name: str) -> Iterator[tuple[int, float]]:
+    for seconds in DURATIONS:
+        work = KERNELS[name].prepare(KERNELS[name].lanes, [f"clock.duration={seconds}"])
+        yield work.samples, float(temporary_bytes(work))
 
 
 def cost_on(name: str, cores: int) -> float:
@@ -83,14 +99,20 @@ def _cost(name: str, lanes: int, setting: str) -> float:
     return nanoseconds_per_step(KERNELS[name].prepare(lanes, [setting]), _REPEATS)
 
 
-def _judged(name: str, axis: str, costs: dict[int, float]) -> list[Point]:
-    if axis == "lanes":
-        reached = max(costs.values()) / min(costs.values())
-        ok, note = reached <= FLAT, f"differs by a factor of {reached:.2f}; at most {FLAT:g} is allowed"
-    else:
-        reached = costs[1] / costs[2]
-        ok, note = (
-            reached >= SPEED_UP,
-            f"two cores are {reached:.2f} times as fast; at least {SPEED_UP:g} is asked",
-        )
-    return [Point(name, axis, value, cost, ok, "" if ok else note) for value, cost in costs.items()]
+def _flat(name: str, axis: str, costs: Mapping[int, float], limit: float, unit: str = "ns") -> list[Point]:
+    reached = max(costs.values()) / min(costs.values())
+    note = f"differs by a factor of {reached:.2f}; at most {limit:g} is allowed" if reached > limit else None
+    return _points(name, axis, costs, unit, note)
+
+
+def _sped_up(name: str) -> list[Point]:
+    # In turn, so that what else the machine does meets both alike.
+    runs = [{cores: cost_on(name, cores) for cores in (1, 2)} for _ in range(_ROUNDS)]
+    reached = statistics.median(run[1] / run[2] for run in runs)
+    note = f"two cores are {reached:.2f} times as fast; at least {SPEED_UP:g} is asked"
+    best = {cores: min(run[cores] for run in runs) for cores in (1, 2)}
+    return _points(name, "cores", best, "ns", note if reached < SPEED_UP else None)
+
+
+def _points(name: str, axis: str, costs: Mapping[int, float], unit: str, note: str | None) -> list[Point]:
+    return [Point(name, axis, value, cost, unit, note is None, note or "") for value, cost in costs.items()]

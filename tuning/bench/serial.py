@@ -15,9 +15,10 @@ from tuning.bench.opponent import Opponent
 from tuning.bench.recordings import Lanes, intervals_of, record_joints
 from tuning.bench.workload import Kernel, Workload
 from tuning.build import number, with_leaves
+from tuning.gradient import LANES_PER_CHUNK
 from tuning.grid import Grid
 from tuning.problem import Problem, draw_scenarios
-from vsajax import Bench, Scores, experiment, rollout
+from vsajax import Bench, Scores, experiment, rollout, sensitivity
 
 GAIN, PRIOR = "estimator.torque.observer_gain", "estimator.fit.prior_scale"
 _FILTER = "estimator.velocity."
@@ -92,23 +93,31 @@ def _independent(lanes: int, settings: Sequence[str], *, all_scores: bool) -> Wo
 
 def _gradient(lanes: int, settings: Sequence[str]) -> Workload:
     problem, time, recordings = _recorded(lanes, settings, "raw")
-    values = {path: number(problem.bench, path) for path in TUNED}
+    z = jnp.log(jnp.stack([number(problem.bench, path) for path in TUNED]))
 
-    def mean_of(function: Callable[..., Any]) -> Any:
-        def mean(values: dict[str, jax.Array], own: Lanes, shared: tuple[Bench, jax.Array]) -> Any:
-            each = rollout.map_lanes(
-                lambda one, common: function(common[0], one, common[1]), own, (values, shared)
-            )
-            return jax.tree.map(jnp.mean, each)
+    def observe(own: Lanes, bench: Bench) -> experiment.Observed:
+        return experiment.observe(own.recording(time), own.stiffness, scorer=bench.scorer)
+
+    def mean_of(function: Callable[[Callable[..., sensitivity.Loop], jax.Array], jax.Array]) -> Any:
+        def of_one(own: experiment.Observed, shared: tuple[jax.Array, Bench]) -> jax.Array:
+            z, bench = shared
+
+            def loop_at(z: jax.Array) -> sensitivity.Loop:
+                values: dict[str, jax.Array] = dict(zip(TUNED, jnp.exp(z), strict=True))
+                return experiment.residual_loop(with_leaves(bench, values).estimator, own, scorer=bench.scorer)
+
+            return function(loop_at, z)
+
+        def mean(own: experiment.Observed, shared: tuple[jax.Array, Bench]) -> jax.Array:
+            return jnp.mean(rollout.map_lanes(of_one, own, shared, chunk=LANES_PER_CHUNK), axis=0)
 
         return jax.jit(mean)
 
-    def msrep(values: dict[str, jax.Array], own: Lanes, shared: tuple[Bench, jax.Array]) -> jax.Array:
-        return _score(values, own, shared).msrep
-
-    arguments = (values, recordings, (problem.bench, time))
-    gradient = mean_of(jax.jacfwd(msrep))
-    return Workload(gradient, arguments, lanes, problem.samples, base=mean_of(msrep))
+    # Handed over ready, so that the program's memory is that of the recursion alone.
+    observed = jax.jit(lambda own, bench: rollout.map_lanes(observe, own, bench))(recordings, problem.bench)
+    gradient = mean_of(sensitivity.normal_equations)
+    forward = mean_of(lambda loop_at, z: sensitivity.sum_of_squares(loop_at(z)))
+    return Workload(gradient, (observed, (z, problem.bench)), lanes, problem.samples, base=forward)
 
 
 PRIOR_SCALES, OBSERVER_GAINS, DRAWS = 8, 32, 64
@@ -177,7 +186,7 @@ KERNELS = (
     ),
     Kernel(
         "gradient",
-        f"gradient in {len(TUNED)} hyperparameters, against the forward run",
+        f"JᵀJ and Jᵀr in {len(TUNED)} hyperparameters, against the forward run",
         256,
         _gradient,
         4.0,

@@ -79,8 +79,8 @@ def bench(
             lines.append(f"floating-point peak of all cores, measured: {peak:.1f} flop/ns")
             lines += [f"  {row.kernel}, flop counted: {row.counting}" for row in rows if row.peak_share]
         if points:
-            shown = [[p.kernel, p.axis, p.value, p.ns_per_step, "ok" if p.ok else p.note] for p in points]
-            lines.append(table(["kernel", "axis", "value", "ns per step", ""], shown))
+            shown = [[p.kernel, p.axis, p.value, p.cost, p.unit, "ok" if p.ok else p.note] for p in points]
+            lines.append(table(["kernel", "axis", "value", "cost", "unit", ""], shown))
         if check:
             shown = [[c.kernel, _cell(c.recorded), _cell(c.ratio), "ok" if c.ok else "WORSE"] for c in compared]
             lines.append(table(["kernel", "recorded", "now", ""], shown))
