@@ -82,9 +82,9 @@ class StiffnessEstimator(AbstractEstimator):
         torque_state, torque = self.torque.step(state.torque, sample, kinematics)
         kinematics, torque = once((kinematics, torque))
         features, slopes = once(self.basis(kinematics.setpoint, kinematics.deflection))
-        lag, regressors = state.lag, features
-        if self._lags:
-            regressors = once(lagged(state.lag, features, self.torque.lag, sample.dt))
+        lag, gain, regressors = state.lag, self.torque.lag, features
+        if lag is not None and gain is not None:
+            regressors = once(lagged(lag, features, gain, sample.dt))
             lag = LagState(regressors, features)
         fit, factor = self.fit.step(state.fit, regressors, torque)
         stiffness = once(dot(slopes, fit.coefficients))
