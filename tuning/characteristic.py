@@ -15,8 +15,8 @@ _NAMED = 0.1
 """Share of what a line leaves unexplained from which a cause is named."""
 _TURN = 0.1
 """Share of the deflection's range that a turn must be undone by to count as one."""
-_BENDS = 0.25
-"""Relative change of the tangents from which a spring is said to soften or stiffen."""
+_BENDS = 0.15
+"""Relative change of the stiffness from which a spring is said to soften or stiffen."""
 _LEVELS = 8
 _CELLS = 80
 """Pieces into which a swing from end to end is cut."""
@@ -31,19 +31,33 @@ Cause = Literal["softening", "stiffening", "hysteresis"]
 
 @dataclass(frozen=True)
 class Level:
-    """Stiffnesses at an amplitude, NaN where too few samples lie.
+    """Stiffnesses at an amplitude, midway between the branches of a loop; NaN where too few samples lie.
 
     Args:
         amplitude: |φ − φ₀| [rad].
-        secant: slope between both ends of a swing of this amplitude, on its way out [N·m/rad].
-        loading: local slope about φ₀ ± amplitude while |φ − φ₀| grows [N·m/rad].
-        unloading: the same while it shrinks [N·m/rad].
+        secant: slope between φ₀ ± amplitude, from φ₀ itself where only one side was reached [N·m/rad].
+        tangent: local slope there [N·m/rad].
     """
 
     amplitude: float
     secant: float
-    loading: float
-    unloading: float
+    tangent: float
+
+
+@dataclass(frozen=True)
+class Swing:
+    """The secant of a joint that swings by an amplitude, seen on its way from a turning point.
+
+    A spring without hysteresis shows the same curve from wherever it turns; one with dry friction inside is stiff
+    after a turn and softer the farther it swings.
+
+    Args:
+        amplitude: half the way from the turning point [rad].
+        secant: [N·m/rad].
+    """
+
+    amplitude: float
+    secant: float
 
 
 @dataclass(frozen=True)
@@ -59,6 +73,7 @@ class Characteristic:
         branches: share of it that a difference between loading and unloading explains.
         both: share of it that both explain together.
         levels: stiffnesses from small to large amplitude.
+        swings: secants from turning points, from small to large amplitude; empty without a turn.
         width: largest difference of the torque between the two directions at one deflection [N·m].
         loss: energy a cycle [J].
         loss_factor: the loss over 2π times the elastic energy at the largest deflection.
@@ -74,6 +89,7 @@ class Characteristic:
     branches: float
     both: float
     levels: tuple[Level, ...]
+    swings: tuple[Swing, ...]
     width: float
     loss: float
     loss_factor: float
@@ -122,11 +138,13 @@ def characterise(
     curvature, branching, both = gained(*curves), gained(*branches), gained(*curves, *branches)
     levels = _levels(offset, path.torque, direction)
     width, loss, loss_factor = _loop(path, stiffness)
+    swings = _swings(path)
     causes: list[Cause] = []
     if explained <= LINE_HOLDS:
         causes = ["hysteresis"] if branching >= _NAMED else []
-        # Branches bend too: a curve must explain what they do not.
-        if (bend := _bend(levels)) is not None and both - branching >= _NAMED:
+        bend = _bend([swing.secant for swing in swings] if causes else [level.tangent for level in levels])
+        # Without branches, a curve must also explain what the line does not.
+        if bend is not None and (causes or curvature >= _NAMED):
             causes.append(bend)
     edge = max(1, len(torque) // _EDGES)
     error = (torque - intercept - slope * scaled) / stiffness if stiffness else np.zeros_like(torque)
@@ -139,6 +157,7 @@ def characterise(
         branching,
         both,
         levels,
+        swings,
         width,
         loss,
         loss_factor,
@@ -148,11 +167,12 @@ def characterise(
 
 
 class _Path(NamedTuple):
-    """Means over pieces of the path: deflection [rad], torque [N·m], and which way it went."""
+    """Means over pieces of the path: deflection [rad], torque [N·m], which way it went, and in which swing."""
 
     deflection: np.ndarray
     torque: np.ndarray
     direction: np.ndarray
+    swing: np.ndarray
 
 
 def _pieces(deflection: np.ndarray, torque: np.ndarray) -> _Path:
@@ -161,8 +181,8 @@ def _pieces(deflection: np.ndarray, torque: np.ndarray) -> _Path:
     low = deflection.min()
     cell = np.minimum(((deflection - low) / (np.ptp(deflection) / _CELLS)).astype(int), _CELLS - 1)
     _, piece, count = np.unique(swing * _CELLS + cell, return_inverse=True, return_counts=True)
-    means = [np.bincount(piece, values) / count for values in (deflection, torque, way)]
-    return _Path(means[0], means[1], np.sign(means[2]))
+    means = [np.bincount(piece, values) / count for values in (deflection, torque, way, swing)]
+    return _Path(means[0], means[1], np.sign(means[2]), np.round(means[3]).astype(int))
 
 
 def directions(values: np.ndarray) -> np.ndarray:
@@ -203,29 +223,48 @@ def _fit(features: Sequence[np.ndarray], target: np.ndarray) -> tuple[np.ndarray
 
 def _levels(offset: np.ndarray, torque: np.ndarray, direction: np.ndarray) -> tuple[Level, ...]:
     distance, top = np.abs(offset), float(np.abs(offset).max())
-    is_loading = np.sign(offset) * direction > 0
     at_zero = distance <= 2.0 * top / _CELLS
-    center = float(torque[at_zero].mean()) if at_zero.any() else np.nan
+    center = _midway(torque, at_zero, direction)
     found = []
     for number in range(1, _LEVELS + 1):
         amplitude = top * (number - 0.5) / _LEVELS
         near = np.abs(distance - amplitude) <= 0.5 * top / _LEVELS
         sides = [near & (side * offset > 0) for side in (1, -1)]
-        loading, unloading = (
-            _pooled(offset, torque, [s & way for s in sides]) for way in (is_loading, ~is_loading)
-        )
-        outward = [s & is_loading for s in sides]
-        found.append(Level(amplitude, _secant(offset, torque, outward, center), loading, unloading))
+        ends = [(float(offset[s].mean()), _midway(torque, s, direction)) for s in sides if s.any()]
+        secant = np.nan
+        if ends:
+            (x, y), (x0, y0) = ends[0], ends[1] if len(ends) == 2 else (0.0, center)
+            secant = (y - y0) / (x - x0)
+        # Each branch has an intercept of its own.
+        tangent = _pooled(offset, torque, [s & (way == direction) for s in sides for way in (1.0, -1.0)])
+        found.append(Level(amplitude, secant, tangent))
     return tuple(found)
 
 
-def _secant(offset: np.ndarray, torque: np.ndarray, sides: Sequence[np.ndarray], center: float) -> float:
-    """Return the slope between the ends of a swing; from the centre, where only one side was reached."""
-    ends = [(float(offset[s].mean()), float(torque[s].mean())) for s in sides if s.any()]
-    if not ends:
-        return np.nan
-    (x, y), (x0, y0) = ends[0], ends[1] if len(ends) == 2 else (0.0, center)
-    return (y - y0) / (x - x0)
+def _midway(torque: np.ndarray, chosen: np.ndarray, direction: np.ndarray) -> float:
+    """Return the mean over both directions of the mean torque; NaN where nothing is chosen."""
+    means = [torque[chosen & (direction == way)] for way in (1.0, -1.0)]
+    return float(np.mean([m.mean() for m in means if m.size])) if any(m.size for m in means) else np.nan
+
+
+def _swings(path: _Path) -> tuple[Swing, ...]:
+    half = 0.5 * float(np.ptp(path.deflection))
+    total, count = np.zeros(_LEVELS), np.zeros(_LEVELS)
+    # The first begins wherever the log does, at no turn.
+    for number in np.unique(path.swing)[1:]:
+        own = path.swing == number
+        x, y, way = path.deflection[own], path.torque[own], path.direction[own][0]
+        order = np.argsort(way * x)
+        x, y = x[order], y[order]
+        if np.ptp(x) < half:
+            continue
+        amplitude = 0.5 * np.abs(x - x[0])[1:]
+        level = np.minimum((amplitude / half * _LEVELS).astype(int), _LEVELS - 1)
+        secant = (y - y[0])[1:] / (x - x[0])[1:]
+        total += np.bincount(level, secant, minlength=_LEVELS)
+        count += np.bincount(level, minlength=_LEVELS)
+    middles = half * (np.arange(_LEVELS) + 0.5) / _LEVELS
+    return tuple(Swing(float(a), float(t / n)) for a, t, n in zip(middles, total, count, strict=True) if n)
 
 
 def _pooled(x: np.ndarray, y: np.ndarray, groups: Sequence[np.ndarray]) -> float:
@@ -235,13 +274,13 @@ def _pooled(x: np.ndarray, y: np.ndarray, groups: Sequence[np.ndarray]) -> float
     return sum(float(p @ q) for p, q in parts) / moved if moved > 0.0 else np.nan
 
 
-def _bend(levels: Sequence[Level]) -> Cause | None:
-    """Return whether tangents on the way out fall or rise with the amplitude; `None` if they do neither."""
-    tangents = np.array([level.loading for level in levels if np.isfinite(level.loading)])
-    third = tangents.size // 3
+def _bend(stiffnesses: Sequence[float]) -> Cause | None:
+    """Return whether stiffnesses fall or rise with the amplitude; `None` if they do neither."""
+    found = np.array([stiffness for stiffness in stiffnesses if np.isfinite(stiffness)])
+    third = found.size // 3
     if not third:
         return None
-    small, large = float(tangents[:third].mean()), float(tangents[-third:].mean())
+    small, large = float(found[:third].mean()), float(found[-third:].mean())
     if abs(large - small) < _BENDS * abs(small):
         return None
     return "softening" if large < small else "stiffening"

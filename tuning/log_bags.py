@@ -52,8 +52,8 @@ def _flatten(prefix: str, message: Any, row: dict[str, Any]) -> None:
             row[name] = float(value) if isinstance(value, float | np.floating) else int(value)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
             if value.size <= WIDEST:
-                is_named = isinstance(labels, list) and len(labels) == value.size
-                for label, element in zip(labels if is_named else range(value.size), value.tolist(), strict=True):
+                own = labels if isinstance(labels, list) and len(labels) == value.size else range(value.size)
+                for label, element in zip(own, value.tolist(), strict=True):
                     row[f"{name}[{label}]"] = element
         elif isinstance(value, list):
             for i, element in enumerate(value[:WIDEST]):
