@@ -214,6 +214,12 @@ def _gear(table: RecordingTable) -> tuple[float, float]:
 
 def _describe(line: Characteristic) -> str:
     share = f"a line explains {100 * line.r_squared:.4g} % of the torque's variance"
+    span = 2.0 * max((level.amplitude for level in line.levels), default=0.0)
+    if abs(line.shift) > _MOVES * span:
+        share += (
+            f"; at one torque the deflection moved by {1e3 * line.shift:.3g} mrad from start to end: "
+            "hysteresis, or something slipped"
+        )
     if line.is_line:
         return share
     found = ", ".join(line.causes).upper() or "neither a curve nor hysteresis explains the rest"

@@ -82,6 +82,10 @@ def simulate(
     "--select", multiple=True, metavar="COLUMN=V", help="Keep only the rows with this value; repeatable."
 )
 @output_file("estimate.parquet")
+@click.option(
+    "--report", "page", type=click.Path(path_type=Path), help="Write what the log shows as one HTML file."
+)
+@click.option("--strict", is_flag=True, help="End with exit code 1 if something is wrong with the log.")
 @SETTINGS
 @JSON
 @QUIET
@@ -91,11 +95,15 @@ def estimate(
     map_path: Path | None,
     select: tuple[str, ...],
     output: Path,
+    page: Path | None,
+    strict: bool,
     settings: tuple[str, ...],
     as_json: bool,
     quiet: bool,
-) -> None:
-    """Run the configured estimator over RECORDING (CSV or Parquet) and draw the answer beside the file.
+) -> int:
+    """Run the configured estimator over RECORDING and draw the answer beside the file.
+
+    RECORDING is CSV, Parquet, MAT, HDF5, a ROS bag or MCAP; a signal map says what its columns are.
 
     Where the recording has a column true_stiffness, the answer is scored against it.
     """
@@ -125,14 +133,20 @@ def estimate(
     write_table(output, answer.columns)
     title = ", ".join([Path(table.source).name, *chosen.values()])
     picture = save(draw_estimate(answer, table, title=title), output.with_suffix(".png"))
+    wrote = f"wrote {output} and {picture}"
+    if page is not None:
+        from tuning.report.log_page import report_log
+        from tuning.store import write_text
+
+        write_text(page, report_log(answer, table, loaded, title=title).html())
+        wrote = f"wrote {output}, {picture} and {page}"
     emit(
-        {"estimate": output, "picture": picture, "notes": list(table.notes), **answer.summary},
+        {"estimate": output, "picture": picture, "report": page, "notes": list(table.notes), **answer.summary},
         as_json=as_json,
         quiet=quiet,
-        text=lambda: "\n".join(
-            [*(f"note: {note}" for note in table.notes), *answer.sentences, f"wrote {output} and {picture}"]
-        ),
+        text=lambda: "\n".join([*(f"note: {note}" for note in table.notes), *answer.sentences, wrote]),
     )
+    return 1 if strict and answer.summary["faults"] else 0
 
 
 def _require_signals(config: Config, table: RecordingTable) -> None:
