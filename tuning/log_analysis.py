@@ -170,9 +170,16 @@ def find_rest(time: np.ndarray, deflection: np.ndarray, torque: np.ndarray) -> R
     return Rest(
         float(time[end - 1]),
         float(np.median(deflection[:end])),
-        float(np.std(deflection[:end])),
-        float(np.std(torque[:end])),
+        _noise(deflection[:end]),
+        _noise(torque[:end]),
     )
+
+
+def _noise(values: np.ndarray) -> float:
+    """Return a standard deviation that the first movement at the end of a rest does not disturb."""
+    spread = float(np.median(np.abs(values - np.median(values)))) / 0.6745
+    # Most samples of a coarse encoder are the median itself.
+    return spread or float(np.std(values))
 
 
 def _noise_floor(time: np.ndarray, torque: np.ndarray, no_load: list[float] | None) -> NoiseFloor | None:
