@@ -148,7 +148,7 @@ def _looks_like_degrees(name: str, signal: Angle, raw: np.ndarray, values: np.nd
     if step is None or signal.scale is not None or _is_round(step):
         return None
     in_degrees, in_radians = 360.0 / step, 2.0 * math.pi / step
-    if _is_whole(in_degrees) and not _is_whole(in_radians) and in_degrees < 2**24:
+    if _is_encoder(in_degrees) and not _is_encoder(in_radians):
         return f"moves in steps of {step:.6g}: {in_degrees:.0f} a turn in degrees, but {in_radians:.2f} in radians"
     return None
 
@@ -166,8 +166,11 @@ def resolution(values: np.ndarray) -> float | None:
     step = float(np.min(steps))
     step = float(np.mean(steps[steps < 1.5 * step]))
     counts = steps / step
-    is_regular = np.mean(np.abs(counts - np.round(counts)) < 0.1) > 0.95
-    return step if is_regular else None
+    if np.mean(np.abs(counts - np.round(counts)) < 0.1) <= 0.95:
+        return None
+    # From end to end the step is known far better than from one level to the next.
+    span = float(levels[-1] - levels[0])
+    return span / float(np.sum(np.round(counts)))
 
 
 def _is_round(step: float) -> bool:
@@ -176,8 +179,10 @@ def _is_round(step: float) -> bool:
     return any(abs(digits - d) < 1e-3 * d for d in (1.0, 2.0, 2.5, 5.0, 10.0))
 
 
-def _is_whole(count: float) -> bool:
-    return count >= 2.0 and abs(count - round(count)) < max(2e-6 * count, 1e-3)
+def _is_encoder(count: float) -> bool:
+    """Return whether an encoder may have so many counts a turn: whole, and round in binary or decimal."""
+    whole = round(count)
+    return whole > 1 and abs(count - whole) < 0.01 and (whole % 64 == 0 or whole % 100 == 0)
 
 
 def _disagreements(columns: Mapping[str, np.ndarray]) -> list[Fault]:

@@ -326,7 +326,7 @@ def _check_windows(study: Study, place: str) -> list[Mistake]:
     """Check the moving windows of algebraic observers against the clock and the ranges they are varied over."""
     mistakes = []
     varied = study.sweep.grid.keys() | study.tune.parameters.keys()
-    for path, observer in _observers(study.estimator, "estimator"):
+    for path, observer in observers_of(study.estimator, "estimator"):
         if observer.sample_time != study.clock.sample_time:
             problem = f"got {observer.sample_time}, but clock.sample_time is {study.clock.sample_time}"
             mistakes.append(Mistake(f"{place}: {path}.sample_time", problem, "make them equal"))
@@ -342,13 +342,14 @@ def _check_windows(study: Study, place: str) -> list[Mistake]:
     return mistakes
 
 
-def _observers(estimator: Part, path: str) -> Iterator[tuple[str, AlgebraicObserver]]:
+def observers_of(estimator: Part, path: str) -> Iterator[tuple[str, AlgebraicObserver]]:
+    """Return the algebraic observers of an estimator, each with its path."""
     if isinstance(estimator, AlgebraicObserver):
         yield path, estimator
     elif isinstance(estimator, AntagonisticPair):
-        yield from _observers(estimator.side, f"{path}.side")
+        yield from observers_of(estimator.side, f"{path}.side")
         if estimator.other is not None:
-            yield from _observers(estimator.other, f"{path}.other")
+            yield from observers_of(estimator.other, f"{path}.other")
 
 
 def check_path(path: str, where: str, numbers: Mapping[str, float]) -> list[Mistake]:

@@ -122,6 +122,7 @@ def estimate(
     table_suffix(output)
     table = read_recording(recording, map_path, kind=loaded.kind, select=chosen or None)
     _require_signals(loaded, table)
+    _require_regular_clock(loaded, table)
     from tuning.runtime import start_jax
 
     start_jax()
@@ -160,3 +161,21 @@ def _require_signals(config: Config, table: RecordingTable) -> None:
         raise InputError(
             *(Mistake(place, "is missing, but the estimator needs this signal", fix) for place in places)
         )
+
+
+def _require_regular_clock(config: Config, table: RecordingTable) -> None:
+    """Refuse a recording whose clock does not tick as an algebraic observer's moving window needs."""
+    import numpy as np
+
+    from tuning.errors import input_error
+    from tuning.study import observers_of
+
+    steps = np.diff(table.columns["time"])
+    for path, observer in observers_of(config.estimator, "estimator"):
+        if np.max(np.abs(steps - observer.sample_time)) > 0.01 * observer.sample_time:
+            raise input_error(
+                f"{table.source}: time",
+                f"steps by {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms, but {path} (algebraic) needs a "
+                f"sample every {1e3 * observer.sample_time:.4g} ms, its sample_time",
+                f'set clock.resample = "linear" and clock.sample_time = {observer.sample_time:g} in the signal map',
+            )
