@@ -158,6 +158,14 @@ def _line_of(path: Path, row: int) -> int:
         return next(itertools.islice(filled, row + 1, None))
 
 
+def _is_text(path: Path) -> bool:
+    try:
+        path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
 def _read_csv(path: Path) -> pa.Table:
     ragged: list[pa_csv.InvalidRow] = []
 
@@ -170,7 +178,8 @@ def _read_csv(path: Path) -> pa.Table:
             path,
             # Rows are only numbered when one thread reads them.
             read_options=pa_csv.ReadOptions(use_threads=False),
-            parse_options=pa_csv.ParseOptions(invalid_row_handler=note_ragged),
+            # The handler is handed text: of other bytes the parser itself must complain.
+            parse_options=pa_csv.ParseOptions(invalid_row_handler=note_ragged if _is_text(path) else None),
         )
     except pa.ArrowInvalid as error:
         if "Empty CSV" in str(error):

@@ -177,5 +177,5 @@ def _require_regular_clock(config: Config, table: RecordingTable) -> None:
                 f"{table.source}: time",
                 f"steps by {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms, but {path} (algebraic) needs a "
                 f"sample every {1e3 * observer.sample_time:.4g} ms, its sample_time",
-                f'set clock.resample = "linear" and clock.sample_time = {observer.sample_time:g} in the signal map',
+                f'set clock.resample = "linear", clock.sample_time = {observer.sample_time:g} in the signal map',
             )
