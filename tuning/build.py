@@ -37,8 +37,8 @@ def build_estimator(config: Config) -> vsajax.estimators.AbstractEstimator:
     return build(config.estimator)
 
 
-def number(bench: vsajax.Bench, path: str) -> jax.Array:
-    """Return the leaf at a dotted path of the study."""
+def number(bench: Any, path: str) -> jax.Array:
+    """Return the leaf at a dotted path of the study; `bench` is whatever has the tables it leads through."""
     return reduce(getattr, path.split("."), bench)
 
 

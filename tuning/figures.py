@@ -53,6 +53,12 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **o
     return figure, figure.subplots(rows, columns, **options)
 
 
+def thin(places: np.ndarray, most: int) -> np.ndarray:
+    """Return about `most` of the places, evenly spread, the last of them kept."""
+    stride = max(1, len(places) // most)
+    return places if stride == 1 else np.append(places[:-1:stride], places[-1:])
+
+
 def plain(text: str) -> str:
     """Return text that is drawn as it is: no mathematics between dollar signs."""
     return text.replace("$", r"\$")
@@ -91,13 +97,17 @@ def draw_recording(columns: Mapping[str, np.ndarray], *, title: str) -> Figure:
 
 def draw_estimate(answer: Answer, table: RecordingTable, *, title: str) -> Figure:
     """Draw an estimate over time: stiffness with its 95 % band, grey where not known; torque and deflection."""
-    columns, time = answer.columns, answer.columns["time"]
+    # A million points are no sharper than some thousand, and take seconds.
+    shown = thin(np.arange(len(answer.columns["time"])), 40_000)
+    columns = {name: values[shown] for name, values in answer.columns.items()}
+    truth = {name: values[shown] for name, values in table.columns.items() if name.startswith("true_")}
+    time = columns["time"]
     figure, axes = new_figure(8, 6.2, 3, sharex=True, height_ratios=(2, 1, 1))
-    _draw_stiffness(axes[0], columns, table.columns.get("true_stiffness"))
+    _draw_stiffness(axes[0], columns, truth.get("true_stiffness"))
     axes[1].plot(time, columns["torque"], color=QUIET, linewidth=0.7, label="into the fit")
     axes[1].plot(time, columns["elastic_torque"], color=ESTIMATE, label="fitted")
-    if "true_elastic_torque" in table.columns:
-        axes[1].plot(time, table.columns["true_elastic_torque"], "--", color=TRUTH, label="true")
+    if "true_elastic_torque" in truth:
+        axes[1].plot(time, truth["true_elastic_torque"], "--", color=TRUTH, label="true")
     axes[1].set_ylabel("elastic torque\n[N·m]")
     axes[1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
     axes[2].plot(time, 1e3 * columns["deflection"], color=OTHER, linewidth=0.8)

@@ -30,11 +30,13 @@ class LogFile:
         path: the file.
         names: of the columns, in order; without the blanks around them.
         table: the columns.
+        clock: the column of time stamps, where the format says which that is.
     """
 
     path: Path
     names: tuple[str, ...]
     table: pa.Table
+    clock: str | None = None
 
     def column(self, name: str) -> pa.ChunkedArray:
         """Return the first column of this name."""
@@ -126,13 +128,18 @@ def _read_table(path: Path) -> pa.Table:
     if path.is_dir():
         raise input_error(path, "is a directory", "name a file in it")
     suffix = table_suffix(path)
+    check_readable(path)
+    return _read_csv(path) if suffix == ".csv" else pa_parquet.ParquetFile(path).read()
+
+
+def check_readable(path: Path) -> None:
+    """Raise `InputError` where a file is missing or empty."""
     if not path.exists():
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1)
         hint = f"did you mean {path.parent / near[0]}?" if near else "check the path"
         raise input_error(path, "no such file", hint)
     if path.stat().st_size == 0:
         raise input_error(path, "is empty (0 bytes)", "was the recording stopped before it was saved?")
-    return _read_csv(path) if suffix == ".csv" else pa_parquet.ParquetFile(path).read()
 
 
 def table_suffix(path: Path) -> str:
@@ -151,6 +158,14 @@ def _line_of(path: Path, row: int) -> int:
         return next(itertools.islice(filled, row + 1, None))
 
 
+def _is_text(path: Path) -> bool:
+    try:
+        path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
 def _read_csv(path: Path) -> pa.Table:
     ragged: list[pa_csv.InvalidRow] = []
 
@@ -163,7 +178,8 @@ def _read_csv(path: Path) -> pa.Table:
             path,
             # Rows are only numbered when one thread reads them.
             read_options=pa_csv.ReadOptions(use_threads=False),
-            parse_options=pa_csv.ParseOptions(invalid_row_handler=note_ragged),
+            # The handler is handed text: of other bytes the parser itself must complain.
+            parse_options=pa_csv.ParseOptions(invalid_row_handler=note_ragged if _is_text(path) else None),
         )
     except pa.ArrowInvalid as error:
         if "Empty CSV" in str(error):

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pyarrow as pa
 
 from tuning.errors import InputError, Mistake, input_error
+from tuning.log_clock import FEWEST_SAMPLES, ClockReport, at_times, is_same, on_regular_clock, read_clock
+from tuning.log_faults import Fault, find_units, find_wraps, resolution
 from tuning.log_files import LogFile, read_log_file, write_table
+from tuning.log_streams import Log, column_in, open_log
 from tuning.signal_map import (
     KINDS,
     Angle,
     Clock,
     Kind,
     SignalMap,
+    Torque,
     canonical_map,
     name_need,
+    position_of,
     read_signal_map,
     signals_of,
     unmet_needs,
@@ -27,11 +32,6 @@ from tuning.signal_map import (
 
 __all__ = ["RecordingTable", "read_recording", "read_series", "write_table"]
 
-_FEWEST_SAMPLES = 3
-_GAP_WORTH_A_NOTE = 5.0
-"""In median time steps."""
-_SLOWEST_PLAUSIBLE_STEP = 1.0
-"""In seconds; a joint sampled more slowly is more likely a wrong clock unit."""
 _VALUES_SHOWN = 5
 
 
@@ -45,12 +45,20 @@ class RecordingTable:
         kind: of the joint.
         source: the file it came from.
         notes: sentences on what was done to the file and what was noticed in it.
+        signal_map: how the file was read.
+        clock: how regularly it was sampled, before any resampling.
+        faults: what is wrong with it.
+        resolutions: the steps in which quantised signals move, in SI, by canonical name.
     """
 
     columns: dict[str, np.ndarray]
     kind: Kind
     source: str
     notes: tuple[str, ...]
+    signal_map: SignalMap
+    clock: ClockReport
+    faults: tuple[Fault, ...] = ()
+    resolutions: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_recording(
@@ -60,10 +68,10 @@ def read_recording(
     kind: str | None = None,
     select: Mapping[str, str | float] | None = None,
 ) -> RecordingTable:
-    """Return the recording in a CSV or Parquet file.
+    """Return the recording in a log of any format that `tuning.log_formats` reads.
 
     Args:
-        path: the file.
+        path: the file, or the folder of a bag.
         map_path: a signal map (`tuning.signal_map`); without one the columns must be canonical.
         kind: of the joint, where no map says it; else it is inferred from the columns.
         select: keep only the rows whose column equals the value; overrides the map's, key by key.
@@ -74,7 +82,7 @@ def read_recording(
     if kind is not None and kind not in KINDS:
         raise input_error("kind", f"got {kind!r}; allowed are {', '.join(KINDS)}")
     signal_map = None if map_path is None else read_signal_map(map_path)
-    log = read_log_file(path)
+    log = open_log(path, () if signal_map is None else signal_map.join)
     notes: list[str] = []
     if signal_map is None:
         signal_map = _map_canonical(log, cast("Kind | None", kind), notes)
@@ -84,11 +92,43 @@ def read_recording(
 
     wanted = {**signal_map.select, **(select or {})}
     _require_columns(log, signal_map, wanted, blame)
-    rows = _select_rows(log, wanted, notes)
-    raw = _read_numbers(log, signal_map, rows)
-    time, kept = _read_clock(log, signal_map.clock, raw["time"], rows, notes)
-    columns = _convert({name: values[kept] for name, values in raw.items()}, signal_map, blame, notes)
-    return RecordingTable({"time": time, **columns}, signal_map.kind, str(path), tuple(notes))
+    main = log.of(signal_map.clock.column)
+    rows = _select_rows(main, wanted, notes)
+    raw, foreign = _read_numbers(log, main, signal_map, rows)
+    time, kept, said = read_clock(main, signal_map.clock, raw["time"], rows)
+    notes += said
+    report = ClockReport.of(time)
+    notes += report.notes(signal_map.clock)
+    own = {name: values[kept] for name, values in raw.items() if name != "time"}
+    faults = [
+        fault
+        for name, signal in signal_map.signals.given().items()
+        for fault in (
+            find_wraps(name, signal, own[name], main, rows[kept])
+            if name in own
+            else find_wraps(name, signal, foreign[name].values, foreign[name].stream, foreign[name].rows)
+        )
+    ]
+    columns = _convert(own, signal_map, blame, notes)
+    if foreign:
+        time, columns = _join(time, columns, foreign, signal_map, blame, notes, start=raw["time"][kept[0]])
+    readings = own | {name: signal.values for name, signal in foreign.items()}
+    faults += find_units(signal_map, readings, columns)
+    columns = _drive(time, columns, signal_map)
+    if signal_map.clock.sample_time is not None:
+        time, columns, said = on_regular_clock(time, columns, signal_map.clock, blame)
+        notes += said
+    in_order = {name: columns[name] for name in signal_map.signals.given()}
+    return RecordingTable(
+        {"time": time, **in_order},
+        signal_map.kind,
+        str(path),
+        tuple(notes),
+        signal_map,
+        report,
+        tuple(faults),
+        _resolutions(signal_map, readings),
+    )
 
 
 def read_series(path: Path, column: str) -> tuple[np.ndarray, np.ndarray]:
@@ -100,13 +140,13 @@ def read_series(path: Path, column: str) -> tuple[np.ndarray, np.ndarray]:
     log = read_log_file(path)
     absent = [("", name, "") for name in ("time", column) if name not in log.names]
     if absent:
-        raise InputError(*_missing_columns(log, absent))
+        raise InputError(*_missing_columns(Log(path, (log,)), absent))
     rows = np.arange(log.table.num_rows)
-    time, _ = _read_clock(log, Clock(column="time", unit="s"), log.numbers("time", rows), rows, [])
+    time, *_ = read_clock(log, Clock(column="time", unit="s"), log.numbers("time", rows), rows)
     return time, log.numbers(column, rows).astype(np.float64)
 
 
-def _map_canonical(log: LogFile, kind: Kind | None, notes: list[str]) -> SignalMap:
+def _map_canonical(log: Log, kind: Kind | None, notes: list[str]) -> SignalMap:
     present = set(log.names)
     known = kind or _infer_kind(present)
     if kind is None:
@@ -131,7 +171,7 @@ def _infer_kind(present: set[str]) -> Kind:
     return "serial" if "setpoint_position" in present else "sea"
 
 
-def _missing_columns(log: LogFile, absent: list[tuple[str, str, str]], way_out: str = "") -> list[Mistake]:
+def _missing_columns(log: Log, absent: list[tuple[str, str, str]], way_out: str = "") -> list[Mistake]:
     """Return the mistakes for `absent` (place, problem, name sought); the last lists what there is."""
     hints = [f"did you mean {near!r}?" if (near := log.nearest(name)) else "" for *_, name in absent]
     present = f"columns present: {', '.join(name or '(unnamed)' for name in log.names)}"
@@ -139,21 +179,37 @@ def _missing_columns(log: LogFile, absent: list[tuple[str, str, str]], way_out: 
     return [Mistake(place, problem, hint) for (place, problem, _), hint in zip(absent, hints, strict=True)]
 
 
-def _require_columns(log: LogFile, signal_map: SignalMap, select: Mapping[str, object], blame: str) -> None:
+def _require_columns(log: Log, signal_map: SignalMap, select: Mapping[str, object], blame: str) -> None:
     sought = {"clock.column": signal_map.clock.column}
     sought |= {f"select.{column}": column for column in select}
     sought |= {f"signals.{name}.column": s.column for name, s in signal_map.signals.given().items()}
+    sought |= {f"signals.{name}.clock": s.clock for name, s in signal_map.signals.given().items() if s.clock}
     absent = [
         (f"{blame}: {key}", f"no column {column!r} in {log.path}", column)
         for key, column in sought.items()
-        if column not in log.names
+        if not log.count(column)
     ]
     mistakes = _missing_columns(log, absent) if absent else []
     mistakes += [
-        Mistake(f"{blame}: {key}", f"{count} columns of {log.path} are named {column!r}", "rename all but one")
+        Mistake(
+            f"{blame}: {key}",
+            f"{count} columns of {log.path} are named {column!r}",
+            "rename all but one" if len(log.streams) == 1 else f"say of which file: '{log.path.name}:{column}'",
+        )
         for key, column in sought.items()
-        if (count := log.names.count(column)) > 1
+        if (count := log.count(column)) > 1
     ]
+    if not mistakes:
+        main = log.of(signal_map.clock.column)
+        mistakes += [
+            Mistake(
+                f"{blame}: select.{column}",
+                f"is not recorded with the clock {signal_map.clock.column!r}",
+                "select by a column of the clock's own table",
+            )
+            for column in select
+            if log.of(column) is not main
+        ]
     if mistakes:
         raise InputError(*mistakes)
 
@@ -183,62 +239,128 @@ def _is_same(cell: object, wanted: str | float) -> bool:
     return str(cell).lower() == str(wanted).lower() if isinstance(cell, bool) else str(cell) == str(wanted)
 
 
-def _read_numbers(log: LogFile, signal_map: SignalMap, rows: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the clock, under `time`, and the signals, as the file has them."""
-    columns = {"time": signal_map.clock.column}
-    columns |= {name: signal.column for name, signal in signal_map.signals.given().items()}
-    raw, mistakes = {}, []
-    for name, column in columns.items():
+@dataclass(frozen=True)
+class _Foreign:
+    """A signal with stamps of its own, as the file has both."""
+
+    stream: LogFile
+    rows: np.ndarray
+    column: str
+    stamps: np.ndarray
+    values: np.ndarray
+
+
+def _read_numbers(
+    log: Log, main: LogFile, signal_map: SignalMap, rows: np.ndarray
+) -> tuple[dict[str, np.ndarray], dict[str, _Foreign]]:
+    """Return the clock, under `time`, with the signals that share its rows, and the signals that do not."""
+    raw: dict[str, np.ndarray] = {}
+    foreign: dict[str, _Foreign] = {}
+    mistakes: list[Mistake] = []
+
+    def read(stream: LogFile, column: str, at: np.ndarray) -> np.ndarray:
         try:
-            raw[name] = log.numbers(column, rows)
+            return stream.numbers(column_in(stream, column), at)
         except InputError as error:
-            mistakes += error.mistakes
+            mistakes.extend(error.mistakes)
+            return np.zeros(len(at))
+
+    raw["time"] = read(main, signal_map.clock.column, rows)
+    for name, signal in signal_map.signals.given().items():
+        stream = log.of(signal.column)
+        if stream is main and signal.clock in (None, signal_map.clock.column):
+            raw[name] = read(main, signal.column, rows)
+            continue
+        column = signal.clock or stream.clock
+        if column is None or log.of(column) is not stream:
+            mistakes.append(
+                Mistake(
+                    f"signals.{name}.clock",
+                    "is missing: the signal does not share its rows with the clock "
+                    f"{signal_map.clock.column!r} ({stream.table.num_rows} and {main.table.num_rows} rows)"
+                    if column is None
+                    else f"{column!r} does not share its rows with {signal.column!r}",
+                    "name the column of the signal's own time stamps",
+                )
+            )
+            continue
+        everything = np.arange(stream.table.num_rows)
+        foreign[name] = _Foreign(
+            stream, everything, column, read(stream, column, everything), read(stream, signal.column, everything)
+        )
     if mistakes:
         raise InputError(*dict.fromkeys(mistakes))
-    return raw
+    return raw, foreign
 
 
-def _read_clock(
-    log: LogFile, clock: Clock, stamps: np.ndarray, rows: np.ndarray, notes: list[str]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the time [s] of the samples that are kept, and which these are."""
-    kept = np.arange(stamps.size)
-    if clock.drop_duplicates:
-        kept = np.flatnonzero(np.concatenate([[True], np.diff(stamps) != 0]))
-        if kept.size < stamps.size:
-            notes.append(f"{stamps.size - kept.size} duplicate timestamps dropped (drop_duplicates = true)")
-    if kept.size < _FEWEST_SAMPLES:
-        raise input_error(
-            log.path,
-            f"{kept.size} samples are left; at least {_FEWEST_SAMPLES} are needed",
-            "record for longer",
+def _join(
+    time: np.ndarray,
+    columns: dict[str, np.ndarray],
+    foreign: Mapping[str, _Foreign],
+    signal_map: SignalMap,
+    blame: str,
+    notes: list[str],
+    *,
+    start: Any,
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Bring signals with stamps of their own to the clock, where that was asked for or changes nothing."""
+    method = signal_map.clock.resample
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    mistakes: list[Mistake] = []
+    for name, one in foreign.items():
+        own, kept, _ = read_clock(
+            one.stream, signal_map.clock, one.stamps, one.rows, column=one.column, start=start
         )
-    time = clock.to_seconds(stamps[kept])
-    steps = np.diff(time)
-    if (backward := np.flatnonzero(steps <= 0.0)).size:
-        before, after = (int(kept[backward[0] + i]) for i in (0, 1))
-        if time[backward[0]] == time[backward[0] + 1]:
-            fix = "set clock.drop_duplicates = true in the signal map, or check clock.column and clock.unit"
+        values = _convert({name: one.values[kept]}, signal_map, blame, notes)[name]
+        found[name] = own, values
+        if method is None and not is_same(time, own):
+            mistakes.append(
+                Mistake(
+                    f"{blame}: signals.{name}",
+                    f"is sampled at other instants ({one.column!r}) than the clock {signal_map.clock.column!r}",
+                    'set clock.resample = "linear", or "previous" for a signal that holds its value',
+                )
+            )
+    if mistakes:
+        raise InputError(*mistakes)
+    first = max(time[0], *(own[0] for own, _ in found.values()))
+    last = min(time[-1], *(own[-1] for own, _ in found.values()))
+    tolerance = 1e-3 * float(np.median(np.diff(time)))
+    inside = (time >= first - tolerance) & (time <= last + tolerance)
+    if np.count_nonzero(inside) < FEWEST_SAMPLES:
+        raise input_error(
+            blame, "the signals were hardly recorded at the same time", "check clock.unit and the signals' clocks"
+        )
+    if not inside.all():
+        notes.append(f"{np.count_nonzero(~inside)} samples cut off, at which not every signal was recorded")
+    time, columns = time[inside], {name: values[inside] for name, values in columns.items()}
+    for name, (own, values) in found.items():
+        if is_same(time, own):
+            columns[name] = values
         else:
-            fix = "sort the file, select one run of it, or check clock.column and clock.unit in the signal map"
-        raise input_error(
-            f"{log.path}: {log.place(int(rows[after]))}",
-            f"time must strictly increase, but {clock.column!r} goes from {stamps[before]} "
-            f"({log.place(int(rows[before]))}) to {stamps[after]} "
-            f"(at {backward.size} of {time.size} samples)",
-            fix,
-        )
-    if clock.start_at_zero and stamps[0] != 0:
-        notes.append(f"time starts at zero where {clock.column!r} is {stamps[0]} {clock.unit}")
-    median, widest = float(np.median(steps)), int(np.argmax(steps))
-    if steps[widest] > _GAP_WORTH_A_NOTE * median:
-        notes.append(
-            f"largest gap {1e3 * steps[widest]:.4g} ms at t = {time[widest]:.4g} s "
-            f"(median time step {1e3 * median:.3g} ms)"
-        )
-    if median > _SLOWEST_PLAUSIBLE_STEP:
-        notes.append(f"median time step {median:.4g} s is long for a joint: is clock.unit {clock.unit!r} right?")
-    return time, kept
+            columns[name] = at_times(np.clip(time, own[0], own[-1]), own, values, method or "linear")
+            notes.append(f"{name} brought from {own.size} stamps of its own to the clock's ({method})")
+    return time, columns
+
+
+def _drive(time: np.ndarray, columns: dict[str, np.ndarray], signal_map: SignalMap) -> dict[str, np.ndarray]:
+    """Make torques of motor voltages."""
+    driven = {}
+    for name, signal in signal_map.signals.given().items():
+        if isinstance(signal, Torque) and signal.drive is not None:
+            position = columns.get(position_of(name), np.zeros_like(time))
+            driven[name] = signal.drive.torque(columns[name], time, position)
+    return columns | driven
+
+
+def _resolutions(signal_map: SignalMap, raw: Mapping[str, np.ndarray]) -> dict[str, float]:
+    found = {}
+    for name, signal in signal_map.signals.given().items():
+        step = resolution(raw[name])
+        if step is not None:
+            zero, one = signal.to_si(np.array([0.0, step]))
+            found[name] = abs(float(one - zero))
+    return found
 
 
 def _convert(
@@ -246,6 +368,8 @@ def _convert(
 ) -> dict[str, np.ndarray]:
     columns, mistakes = {}, []
     for name, signal in signal_map.signals.given().items():
+        if name not in raw:
+            continue
         values = raw[name].astype(np.float64)
         if isinstance(signal, Angle) and signal.wraps_at is not None:
             if problem := signal.wrap_problem(values):

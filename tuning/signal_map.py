@@ -71,6 +71,15 @@ _STIFFNESSES = {"N.m/rad": 1.0, "mN.m/rad": 1e-3, "N.m/deg": 180.0 / math.pi}
 _ELECTRICAL = {"A": 1.0, "mA": 1e-3, "V": 1.0, "mV": 1e-3}
 
 
+Interval = Annotated[list[_Finite], pydantic.Field(min_length=2, max_length=2)]
+
+
+def _ordered(interval: list[float] | None) -> list[float] | None:
+    if interval is not None and not interval[0] < interval[1]:
+        raise ValueError(f"the first must be below the second; got {interval}")
+    return interval
+
+
 def _scale_missing(unit: str, scale: float | None, target: str) -> str | None:
     if unit in _ELECTRICAL and scale is None:
         return f"unit {unit!r} needs scale, in {target} per {unit.removeprefix('m')}"
@@ -82,6 +91,10 @@ class _Signal(Table):
     sign: Literal[1, -1] = 1
     offset: _Finite = 0.0
     scale: _Finite | None = None
+    clock: str | None = None
+    range: Interval | None = None
+
+    _order = pydantic.field_validator("range")(_ordered)
 
     @pydantic.field_validator("scale")
     @classmethod
@@ -93,6 +106,34 @@ class _Signal(Table):
     def _in_si(self, values: np.ndarray, unit_in_si: float) -> np.ndarray:
         scale = 1.0 if self.scale is None else self.scale
         return (values - self.offset) * (self.sign * scale * unit_in_si)
+
+
+class Drive(Table):
+    """A DC motor behind a voltage V: torque = efficiency · torque_constant · current, from its winding's equation.
+
+    current = (V − back_emf_constant · ω) / resistance, the inductance neglected; ω is the speed of the motor's
+    own shaft, gear_ratio times that of `motor_position`, by central differences.
+
+    Args:
+        torque_constant: [N.m/A].
+        resistance: of the winding, with the amplifier's [Ohm].
+        back_emf_constant: [V.s/rad], in numbers that of torque; 0 where the amplifier controls the current.
+        gear_ratio: motor turns per joint turn.
+        efficiency: of motor and gear.
+    """
+
+    torque_constant: _Positive
+    resistance: _Positive
+    back_emf_constant: Annotated[float, pydantic.Field(strict=True, ge=0)] = 0.0
+    gear_ratio: _Positive = 1.0
+    efficiency: Annotated[float, pydantic.Field(strict=True, gt=0, le=1)] = 1.0
+
+    def torque(self, voltage: np.ndarray, time: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """Return the torque on the motor's shaft [N.m] from volts, seconds and radians at the joint."""
+        speed = self.gear_ratio * np.gradient(position, time) if self.back_emf_constant else 0.0
+        return (
+            self.efficiency * self.torque_constant * (voltage - self.back_emf_constant * speed) / self.resistance
+        )
 
 
 class Angle(_Signal):
@@ -107,6 +148,8 @@ class Angle(_Signal):
         gear_ratio: motor turns per joint turn, for an angle measured on the motor shaft; divides.
         counts_per_revolution: of the encoder, after quadrature; required for unit "counts" only.
         wraps_at: the reading at which the counter starts again, in the file's unit; undoes the wraps.
+        clock: the column of its own time stamps, where they are not those of `[clock]`.
+        range: what it may be, in SI; anything else is a fault.
     """
 
     unit: Literal["rad", "mrad", "deg", "rev", "counts", "V", "mV"]
@@ -160,19 +203,28 @@ class Torque(_Signal):
         scale: free factor.
         gear_ratio: motor turns per joint turn, for an elastic torque measured on the motor shaft; multiplies.
             The motor torques themselves stay on the motor axis and take none.
+        drive: the motor, where the file has its voltage; in the place of `scale`.
+        clock: as for an angle.
+        range: as for an angle.
     """
 
     unit: Literal["N.m", "mN.m", "N.cm", "A", "mA", "V", "mV"]
     gear_ratio: _Positive = 1.0
+    drive: Drive | None = None
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Self:
-        if problem := _scale_missing(self.unit, self.scale, "N.m"):
+        if self.drive is not None:
+            if self.unit not in ("V", "mV"):
+                raise ValueError(f"drive makes a torque of a voltage, unit 'V' or 'mV'; got {self.unit!r}")
+            if self.scale is not None:
+                raise ValueError("scale and drive both make a torque of a voltage: remove one")
+        elif problem := _scale_missing(self.unit, self.scale, "N.m"):
             raise ValueError(problem)
         return self
 
     def to_si(self, values: np.ndarray) -> np.ndarray:
-        """Return a file's readings in newton metres."""
+        """Return a file's readings in newton metres; in volts, where a `drive` makes torques of them later."""
         return self._in_si(values, (_NEWTON_METRES | _ELECTRICAL)[self.unit]) * self.gear_ratio
 
 
@@ -215,18 +267,43 @@ class Clock(Table):
         unit: of the file.
         drop_duplicates: keep the first of the samples that share a stamp, rather than refuse them.
         start_at_zero: subtract the first stamp (exactly, where stamps are integers).
+        resample: how signals with other stamps are brought to these, "linear" or "previous"; by default they are
+            refused.
+        sample_time: bring everything to a regular clock [s]; needs `resample`.
     """
 
     column: str
     unit: Literal["s", "ms", "us", "ns"]
     drop_duplicates: bool = False
     start_at_zero: bool = True
+    resample: Literal["linear", "previous"] | None = None
+    sample_time: _Positive | None = None
 
-    def to_seconds(self, stamps: np.ndarray) -> np.ndarray:
-        """Return stamps, integer or float, in seconds."""
+    @pydantic.model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.sample_time is not None and self.resample is None:
+            raise ValueError("sample_time needs resample, 'linear' or 'previous'")
+        return self
+
+    def to_seconds(self, stamps: np.ndarray, start: Any = None) -> np.ndarray:
+        """Return stamps, integer or float, in seconds; from `start`, by default the first of them."""
         # Nanoseconds since 1970 do not fit a float64: subtract while they are still integers.
-        elapsed = stamps - stamps[0] if self.start_at_zero else stamps
+        elapsed = stamps - (stamps[0] if start is None else start) if self.start_at_zero else stamps
         return elapsed.astype(np.float64) / {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[self.unit]
+
+
+class Expect(Table):
+    """What is known of the joint before the log is read; what contradicts it is a fault.
+
+    Args:
+        stiffness: between which it must lie [N.m/rad].
+        no_load: from when to when nothing loads the joint, so that the torque signal shows its noise floor [s].
+    """
+
+    stiffness: Interval | None = None
+    no_load: Interval | None = None
+
+    _order = pydantic.field_validator("stiffness", "no_load")(_ordered)
 
 
 class SignalMap(Table):
@@ -236,13 +313,17 @@ class SignalMap(Table):
         schema_version: 1.
         kind: of the joint.
         clock: the time stamps.
+        join: further files of the same recording, in its folder.
         select: keep only the rows whose column equals the value, for files that hold many runs.
+        expect: what is known of the joint.
         signals: the rest.
     """
 
     schema_version: Literal[1]
     kind: Kind
     clock: Clock
+    join: list[str] = pydantic.Field(default_factory=list)
+    expect: Expect = Expect()
     select: dict[str, Any] = pydantic.Field(default_factory=dict)
     signals: Signals
 
@@ -266,9 +347,27 @@ class SignalMap(Table):
             for name, signal in self.signals.given().items()
             if name in _ON_MOTOR_AXIS and isinstance(signal, Torque) and signal.gear_ratio != 1.0
         ]
+        problems += [
+            f"signals.{name}.drive belongs to a motor torque"
+            for name, signal in self.signals.given().items()
+            if isinstance(signal, Torque) and signal.drive is not None and name not in _ON_MOTOR_AXIS
+        ]
+        problems += [
+            f"signals.{name}.drive needs signals.{position_of(name)}, for the back EMF"
+            for name, signal in self.signals.given().items()
+            if isinstance(signal, Torque)
+            and signal.drive is not None
+            and signal.drive.back_emf_constant
+            and position_of(name) not in given
+        ]
         if problems:
             raise ValueError("; ".join(problems))
         return self
+
+
+def position_of(motor_torque: str) -> str:
+    """Return the position signal of the motor whose torque signal this is."""
+    return motor_torque.replace("torque", "position")
 
 
 def read_signal_map(path: Path) -> SignalMap:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import equinox as eqx
@@ -13,11 +13,12 @@ import numpy as np
 
 from tuning.build import build, build_estimator
 from tuning.errors import input_error
+from tuning.log_analysis import Analysis, analyse, clock_facts, leaves_floor
 from tuning.logs import RecordingTable
 from tuning.problem import Problem, Stream, draw_scenarios
 from tuning.study import Config, Study, with_numbers
 from vsajax import Estimate, Recording, experiment
-from vsajax.estimators import AbstractEstimator, AntagonisticPair
+from vsajax.estimators import AbstractEstimator, AntagonisticPair, StiffnessEstimator
 
 _PRIOR_LIMITS = 0.02
 """Change of the stiffness under a ten times weaker prior that is worth a warning."""
@@ -67,13 +68,15 @@ class Answer:
 
     Args:
         columns: time, stiffness, stiffness_std, elastic_torque, known; deflection and torque as used.
-        summary: the end of the recording, and the scores where the truth is known.
+        summary: the end of the recording, what else it says, and the scores where the truth is known.
         sentences: the same for people.
+        analysis: what the log says beyond its stiffness; `None` of an antagonistic pair.
     """
 
     columns: dict[str, np.ndarray]
     summary: dict[str, Any]
     sentences: list[str]
+    analysis: Analysis | None = None
 
 
 def estimate_recording(config: Config, table: RecordingTable) -> Answer:
@@ -81,8 +84,10 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
     signals = {name: jnp.asarray(table.columns[name]) for name in Recording._fields if name in table.columns}
     recording = Recording(**signals)
     estimator = build_estimator(config)
-    run = jax.jit(experiment.estimate)
-    answer: Estimate = run(estimator, recording)
+    # Both priors in one scan: a long log is run through once.
+    both = jax.tree.map(lambda *x: jnp.stack(x), estimator, _with_weaker_prior(estimator))
+    answers: Estimate = jax.jit(jax.vmap(experiment.estimate, in_axes=(0, None)))(both, recording)
+    answer, weaker = (jax.tree.map(lambda x, i=i: x[i], answers) for i in (0, 1))
     columns = {
         "time": np.asarray(recording.time),
         "stiffness": np.asarray(answer.stiffness),
@@ -92,8 +97,23 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
         "deflection": np.asarray(answer.signals.deflection),
         "torque": np.asarray(answer.signals.torque),
     }
+    analysis = None
+    if not isinstance(estimator, AntagonisticPair):
+        torque, deflection = columns["torque"], columns["deflection"]
+        if isinstance(estimator, StiffnessEstimator) and estimator.torque.lag is not None:
+            deflection = np.asarray(jax.jit(experiment.agreement)(estimator, recording)[1])
+        analysis = analyse(table, deflection, torque)
+        if analysis.floor is not None:
+            columns["known"] = columns["known"] & leaves_floor(torque, analysis.floor)
     summary, sentences = _summarise(columns)
-    prior, warning = _weigh_prior(answer, run(_with_weaker_prior(estimator), recording))
+    if analysis is not None:
+        summary |= analysis.summary()
+        sentences += analysis.sentences()
+    else:
+        summary["faults"] = [asdict(fault) for fault in table.faults]
+        sentences += [f"WARNING: {fault}" for fault in table.faults]
+    summary["clock"] = clock_facts(table)
+    prior, warning = _weigh_prior(answer, weaker)
     summary |= prior
     sentences += warning
     if "true_stiffness" in table.columns:
@@ -108,7 +128,7 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
             f"against the truth: MSREP {summary['scores']['msrep']:.4g} %, "
             f"from {config.scorer.warm_up:g} s on {summary['scores']['msrep_settled']:.4g} %; {reached}"
         )
-    return Answer(columns, summary, sentences)
+    return Answer(columns, summary, sentences, analysis)
 
 
 def _with_weaker_prior(estimator: AbstractEstimator) -> AbstractEstimator:

@@ -125,7 +125,7 @@ def load_study(path: Path, settings: Sequence[str] = ()) -> Study:
     Raises:
         InputError: lists every mistake with its path.
     """
-    return parse_study(_with_settings(read_toml(path), settings), str(path))
+    return parse_study(with_settings(read_toml(path), settings), str(path))
 
 
 def load_config(path: Path, settings: Sequence[str] = ()) -> Config:
@@ -134,7 +134,7 @@ def load_config(path: Path, settings: Sequence[str] = ()) -> Config:
     Raises:
         InputError: lists every mistake with its path.
     """
-    data = _with_settings(read_toml(path), settings)
+    data = with_settings(read_toml(path), settings)
     if data.keys() & _ONLY_IN_STUDIES:
         return parse_study(data, str(path))
     _check_kind(data, str(path))
@@ -193,7 +193,7 @@ def with_numbers(config: Config, values: Mapping[str, float], place: str) -> Stu
     """Return the study with numbers replaced, validated anew."""
     tables = resolved(config)
     for path, value in values.items():
-        _put(tables, path.split("."), value)
+        put(tables, path.split("."), value)
     return parse_study(tables, place)
 
 
@@ -220,7 +220,7 @@ def _structure(study: Study, chosen: Chosen) -> Study:
     tables = resolved(study)
     for path, value in settings_of(study.tune.choices, chosen).items():
         try:
-            _put(tables, path.split("."), copy.deepcopy(value))
+            put(tables, path.split("."), copy.deepcopy(value))
         except TypeError:
             raise input_error(path, "leads through a value that is not a table") from None
     tune, sweep = tables["tune"] | {"choices": {}}, tables["sweep"]
@@ -265,7 +265,7 @@ def _check_together(study: Study, place: str) -> None:
     for table, axes in (("sweep.grid", study.sweep.grid), ("tune.parameters", tuned)):
         for path, axis in axes.items():
             where = f"{place}: {table}.{path!r}"
-            mistakes += _check_path(path, where, numbers)
+            mistakes += check_path(path, where, numbers)
             if path in numbers:
                 mistakes += _check_values(study, path, axis, where)
     if study.tune.choices and not mistakes:
@@ -286,7 +286,7 @@ def _check_structures(study: Study, place: str) -> list[Mistake]:
         return list(error.mistakes)
     everywhere = {path: value for numbers in found for path, value in numbers.items()}
     paths = study.tune.parameters
-    return [m for p in paths for m in _check_path(p, f"{place}: tune.parameters.{p!r}", everywhere)]
+    return [m for p in paths for m in check_path(p, f"{place}: tune.parameters.{p!r}", everywhere)]
 
 
 def _check_population(study: Study, place: str, numbers: Mapping[str, float]) -> list[Mistake]:
@@ -294,7 +294,7 @@ def _check_population(study: Study, place: str, numbers: Mapping[str, float]) ->
     mistakes = []
     for path in study.population.paths:
         where = f"{place}: population.{path!r}"
-        mistakes += _check_path(path, where, numbers)
+        mistakes += check_path(path, where, numbers)
         for table, chosen in (("sweep.grid", study.sweep.grid), ("tune.parameters", study.tune.parameters)):
             if path in chosen:
                 fix = "remove one of them: a scenario's number cannot be chosen and drawn"
@@ -326,7 +326,7 @@ def _check_windows(study: Study, place: str) -> list[Mistake]:
     """Check the moving windows of algebraic observers against the clock and the ranges they are varied over."""
     mistakes = []
     varied = study.sweep.grid.keys() | study.tune.parameters.keys()
-    for path, observer in _observers(study.estimator, "estimator"):
+    for path, observer in observers_of(study.estimator, "estimator"):
         if observer.sample_time != study.clock.sample_time:
             problem = f"got {observer.sample_time}, but clock.sample_time is {study.clock.sample_time}"
             mistakes.append(Mistake(f"{place}: {path}.sample_time", problem, "make them equal"))
@@ -342,16 +342,17 @@ def _check_windows(study: Study, place: str) -> list[Mistake]:
     return mistakes
 
 
-def _observers(estimator: Part, path: str) -> Iterator[tuple[str, AlgebraicObserver]]:
+def observers_of(estimator: Part, path: str) -> Iterator[tuple[str, AlgebraicObserver]]:
+    """Return the algebraic observers of an estimator, each with its path."""
     if isinstance(estimator, AlgebraicObserver):
         yield path, estimator
     elif isinstance(estimator, AntagonisticPair):
-        yield from _observers(estimator.side, f"{path}.side")
+        yield from observers_of(estimator.side, f"{path}.side")
         if estimator.other is not None:
-            yield from _observers(estimator.other, f"{path}.other")
+            yield from observers_of(estimator.other, f"{path}.other")
 
 
-def _check_path(path: str, where: str, numbers: Mapping[str, float]) -> list[Mistake]:
+def check_path(path: str, where: str, numbers: Mapping[str, float]) -> list[Mistake]:
     """Return what is wrong with a dotted path that should lead to a number of the bench."""
     if path in numbers:
         return []
@@ -368,7 +369,7 @@ def _check_values(study: Study, path: str, axis: Axis | Bounds, where: str) -> l
 def _check_value(study: Study, path: str, value: float, where: str) -> list[Mistake]:
     """Check one value that a number will take."""
     tables = resolved(study) | {"sweep": {}, "tune": {}, "population": {}}
-    _put(tables, path.split("."), float(value))
+    put(tables, path.split("."), float(value))
     try:
         validate(type(study), tables, where)
     except InputError as error:
@@ -377,7 +378,8 @@ def _check_value(study: Study, path: str, value: float, where: str) -> list[Mist
     return []
 
 
-def _with_settings(data: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+def with_settings(data: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+    """Return tables with `a.b=value` settings applied."""
     for setting in settings:
         path, separator, text = setting.partition("=")
         if not separator or not path.strip():
@@ -389,13 +391,14 @@ def _with_settings(data: dict[str, Any], settings: Sequence[str]) -> dict[str, A
         except tomllib.TOMLDecodeError:
             value = text
         try:
-            _put(data, path.strip().split("."), value)
+            put(data, path.strip().split("."), value)
         except TypeError:
             raise input_error(f"--set {setting}", "leads through a value that is not a table") from None
     return data
 
 
-def _put(tables: dict[str, Any], keys: Sequence[str], value: Any) -> None:
+def put(tables: dict[str, Any], keys: Sequence[str], value: Any) -> None:
+    """Set a value at a path, making tables on the way."""
     *parents, last = keys
     for key in parents:
         tables = tables.setdefault(key, {})

@@ -13,7 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key
 
 from vsajax import plants, rollout, sensitivity
-from vsajax.estimators import AbstractEstimator
+from vsajax.estimators import AbstractEstimator, StiffnessEstimator
+from vsajax.estimators.lag import LagState, lagged, start_lag
 from vsajax.metrics import Scorer, Scores, ScoreState
 from vsajax.plants import AbstractJoint, Torques
 from vsajax.sensing import Clock, Excitation, SensorSuite
@@ -178,3 +179,22 @@ def residual_loop(estimator: AbstractEstimator, observed: Observed, *, scorer: S
     prepared = estimator.offline(observed.samples)
     step = ResidualStep(prepared.step, scorer, observed.start, observed.scale)
     return sensitivity.Loop(step, prepared.state, (prepared.inputs, observed.time, observed.stiffness))
+
+
+def agreement(estimator: StiffnessEstimator, recording: Recording) -> tuple[Series, Series]:
+    """Return the torque that the fit is to explain [N·m], and the deflection, lagging as much as the torque [rad].
+
+    A residual observer's torque is the elastic torque through a lag: held against the deflection itself, a spring
+    looks like a damper.
+    """
+    signals, gain = estimate(estimator, recording).signals, estimator.torque.lag
+    if gain is None:
+        return signals.torque, signals.deflection
+
+    def step(state: LagState, inputs: tuple[Scalar, Scalar]) -> tuple[LagState, Scalar]:
+        deflection, dt = inputs
+        outputs = lagged(state, (deflection,), gain, dt)
+        return LagState(outputs, (deflection,)), outputs[0]
+
+    inputs = (signals.deflection, recording.samples().dt)
+    return signals.torque, rollout.scan(step, start_lag((signals.deflection[0],)), inputs)[1]

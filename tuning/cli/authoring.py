@@ -12,10 +12,17 @@ from tuning.cli.options import JSON, QUIET, SETTINGS, STUDY, emit
 @click.command(epilog="Example: vsajax init serial study.toml")
 @click.argument("kind")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Of init map; by default LOG's name, .toml.")
 @JSON
 @QUIET
-def init(kind: str, file: Path | None, as_json: bool, quiet: bool) -> None:
-    """Write a commented study of KIND (serial, sea) that runs as it is, to FILE or KIND.toml."""
+def init(kind: str, file: Path | None, output: Path | None, as_json: bool, quiet: bool) -> None:
+    """Write a commented study of KIND (serial, sea) that runs as it is, to FILE or KIND.toml.
+
+    `vsajax init map LOG` proposes a signal map of LOG instead, from names and numbers, and explains each guess.
+    """
+    if kind == "map":
+        _init_map(file, output, as_json=as_json, quiet=quiet)
+        return
     from tuning.errors import input_error
     from tuning.resources import example_path
     from tuning.store import write_text
@@ -26,6 +33,28 @@ def init(kind: str, file: Path | None, as_json: bool, quiet: bool) -> None:
         raise input_error(target, "exists already", "name another file, or remove it first")
     write_text(target, example.read_text(encoding="utf-8"))
     emit({"study": target}, as_json=as_json, quiet=quiet, text=f"wrote {target}; try: vsajax check {target}")
+
+
+def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bool) -> None:
+    from dataclasses import asdict
+
+    from tuning.errors import input_error
+    from tuning.log_guess import propose, to_map
+    from tuning.store import write_text
+
+    if log is None:
+        raise input_error("init map", "no log named", "vsajax init map LOG")
+    target = output or Path(f"{log.stem}.toml")
+    if target.exists():
+        raise input_error(target, "exists already", "name another file with -o, or remove it first")
+    proposal = propose(log)
+    write_text(target, to_map(proposal, log))
+    said = [f"clock            {proposal.clock[0]}: {proposal.clock[2]}"]
+    said += [f"select           {proposal.select[2]}"] if proposal.select else []
+    said += [f"{guess.name:<16} {guess.column}: {'; '.join(guess.reasons)}" for guess in proposal.guesses]
+    said += [f"MISSING          {need}, which kind {proposal.kind!r} needs" for need in proposal.lacking]
+    said.append(f"wrote {target}: guesses all, check them; then vsajax estimate {log} --map {target} -c CONFIG")
+    emit({"map": target, **asdict(proposal)}, as_json=as_json, quiet=quiet, text="\n".join(said))
 
 
 @click.command(epilog="Example: vsajax check study.toml --set estimator.fit.prior_scale=0.1")

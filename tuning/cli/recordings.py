@@ -82,6 +82,10 @@ def simulate(
     "--select", multiple=True, metavar="COLUMN=V", help="Keep only the rows with this value; repeatable."
 )
 @output_file("estimate.parquet")
+@click.option(
+    "--report", "page", type=click.Path(path_type=Path), help="Write what the log shows as one HTML file."
+)
+@click.option("--strict", is_flag=True, help="End with exit code 1 if something is wrong with the log.")
 @SETTINGS
 @JSON
 @QUIET
@@ -91,11 +95,15 @@ def estimate(
     map_path: Path | None,
     select: tuple[str, ...],
     output: Path,
+    page: Path | None,
+    strict: bool,
     settings: tuple[str, ...],
     as_json: bool,
     quiet: bool,
-) -> None:
-    """Run the configured estimator over RECORDING (CSV or Parquet) and draw the answer beside the file.
+) -> int:
+    """Run the configured estimator over RECORDING and draw the answer beside the file.
+
+    RECORDING is CSV, Parquet, MAT, HDF5, a ROS bag or MCAP; a signal map says what its columns are.
 
     Where the recording has a column true_stiffness, the answer is scored against it.
     """
@@ -114,6 +122,7 @@ def estimate(
     table_suffix(output)
     table = read_recording(recording, map_path, kind=loaded.kind, select=chosen or None)
     _require_signals(loaded, table)
+    _require_regular_clock(loaded, table)
     from tuning.runtime import start_jax
 
     start_jax()
@@ -125,14 +134,20 @@ def estimate(
     write_table(output, answer.columns)
     title = ", ".join([Path(table.source).name, *chosen.values()])
     picture = save(draw_estimate(answer, table, title=title), output.with_suffix(".png"))
+    wrote = f"wrote {output} and {picture}"
+    if page is not None:
+        from tuning.report.log_page import report_log
+        from tuning.store import write_text
+
+        write_text(page, report_log(answer, table, loaded, title=title).html())
+        wrote = f"wrote {output}, {picture} and {page}"
     emit(
-        {"estimate": output, "picture": picture, "notes": list(table.notes), **answer.summary},
+        {"estimate": output, "picture": picture, "report": page, "notes": list(table.notes), **answer.summary},
         as_json=as_json,
         quiet=quiet,
-        text=lambda: "\n".join(
-            [*(f"note: {note}" for note in table.notes), *answer.sentences, f"wrote {output} and {picture}"]
-        ),
+        text=lambda: "\n".join([*(f"note: {note}" for note in table.notes), *answer.sentences, wrote]),
     )
+    return 1 if strict and answer.summary["faults"] else 0
 
 
 def _require_signals(config: Config, table: RecordingTable) -> None:
@@ -146,3 +161,21 @@ def _require_signals(config: Config, table: RecordingTable) -> None:
         raise InputError(
             *(Mistake(place, "is missing, but the estimator needs this signal", fix) for place in places)
         )
+
+
+def _require_regular_clock(config: Config, table: RecordingTable) -> None:
+    """Refuse a recording whose clock does not tick as an algebraic observer's moving window needs."""
+    import numpy as np
+
+    from tuning.errors import input_error
+    from tuning.study import observers_of
+
+    steps = np.diff(table.columns["time"])
+    for path, observer in observers_of(config.estimator, "estimator"):
+        if np.max(np.abs(steps - observer.sample_time)) > 0.01 * observer.sample_time:
+            raise input_error(
+                f"{table.source}: time",
+                f"steps by {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms, but {path} (algebraic) needs a "
+                f"sample every {1e3 * observer.sample_time:.4g} ms, its sample_time",
+                f'set clock.resample = "linear", clock.sample_time = {observer.sample_time:g} in the signal map',
+            )

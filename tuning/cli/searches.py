@@ -161,12 +161,23 @@ def tune(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Find the best numbers of STUDY; write RUN/best.toml with its scores on held-out noise."""
+    """Find the best numbers of STUDY; write RUN/best.toml with its scores on held-out noise.
+
+    A STUDY with a [recording] is tuned on that log, by the gradient, and judged by the rest of it.
+    """
+    from tuning.log_study import is_log_study
     from tuning.study import load_study
 
     own = [*settings]
     own += [] if starts is None else [f"tune.starts={starts}"]
     own += [] if budget is None else [f"tune.screen={budget}"]
+    if is_log_study(study, own):
+        from tuning.cli.log_searches import tune_log
+
+        if method != "gradient" or resume:
+            raise click.UsageError("a study with a [recording] is tuned by --method gradient, without --resume")
+        tune_log(study, with_seed(own, seed), folder, as_json=as_json, quiet=quiet)
+        return
     loaded = load_study(study, with_seed(own, seed))
     from tuning.runtime import start_jax
 

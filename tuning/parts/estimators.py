@@ -186,6 +186,7 @@ class StiffnessEstimator(Part):
     velocity: VelocityFilter = FiniteDifference(type="difference")
     gate: ExcitationGate = ExcitationGate()
     deflection: Literal["filtered", "raw", "measured"] = "filtered"
+    matched: bool = False
 
     @property
     def needs(self) -> frozenset[str]:

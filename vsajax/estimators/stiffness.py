@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from vsajax.estimators.base import AbstractEstimator
 from vsajax.estimators.bases import AbstractBasis
 from vsajax.estimators.gate import ExcitationGate, GateState
+from vsajax.estimators.lag import LagState, lagged, start_lag
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.torque import AbstractTorqueSource, Kinematics
 from vsajax.estimators.velocity import AbstractVelocityFilter, FiniteDifference
@@ -25,6 +26,7 @@ class EstimatorState(NamedTuple):
     torque: Any
     fit: FitState
     gate: GateState
+    lag: LagState | None = None
 
 
 class StiffnessEstimator(AbstractEstimator):
@@ -38,6 +40,8 @@ class StiffnessEstimator(AbstractEstimator):
         gate: when the answer is known.
         deflection: "filtered", link minus motor position both filtered, as the paper does; "raw", of the
             readings; "measured", a signal of its own.
+        matched: whether the features lag as the torque does, so that a slow observer biases nothing; it is the
+            answer's stiffness and torque that do not. Then the gains depend on the observer's gain too.
     """
 
     torque: AbstractTorqueSource
@@ -46,6 +50,7 @@ class StiffnessEstimator(AbstractEstimator):
     velocity: AbstractVelocityFilter = eqx.field(default_factory=FiniteDifference)
     gate: ExcitationGate = eqx.field(default_factory=ExcitationGate)
     deflection: Literal["filtered", "raw", "measured"] = eqx.field(static=True, default="filtered")
+    matched: bool = eqx.field(static=True, default=False)
 
     @property
     def needs(self) -> frozenset[str]:
@@ -61,12 +66,14 @@ class StiffnessEstimator(AbstractEstimator):
             MissingSignalError: the sample lacks a signal that the estimator needs.
             PrecisionError: double precision is off.
         """
+        deflection = self._raw_deflection(sample)
         return EstimatorState(
             motor=self.velocity.init(sample.read("motor_position")) if self._filters_motor else None,
             link=self.velocity.init(sample.read("link_position")) if self._filters_link else None,
             torque=self.torque.init(sample),
             fit=self.fit.init(self.basis.size),
-            gate=self.gate.init(self._raw_deflection(sample)),
+            gate=self.gate.init(deflection),
+            lag=start_lag(self.basis(self._setpoint(sample), deflection)[0]) if self._lags else None,
         )
 
     def step(self, state: EstimatorState, sample: Sample) -> tuple[EstimatorState, Estimate]:
@@ -75,7 +82,11 @@ class StiffnessEstimator(AbstractEstimator):
         torque_state, torque = self.torque.step(state.torque, sample, kinematics)
         kinematics, torque = once((kinematics, torque))
         features, slopes = once(self.basis(kinematics.setpoint, kinematics.deflection))
-        fit, factor = self.fit.step(state.fit, features, torque)
+        lag, gain, regressors = state.lag, self.torque.lag, features
+        if lag is not None and gain is not None:
+            regressors = once(lagged(lag, features, gain, sample.dt))
+            lag = LagState(regressors, features)
+        fit, factor = self.fit.step(state.fit, regressors, torque)
         stiffness = once(self.fit.predict(fit, slopes))
         std = once(jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0)))
         gate, known = self.gate.step(state.gate, kinematics.deflection, stiffness, std)
@@ -83,7 +94,7 @@ class StiffnessEstimator(AbstractEstimator):
             kinematics.deflection, torque, kinematics.motor_velocity, factor, self.fit.determined(fit)
         )
         estimate = Estimate(stiffness, std, self.fit.predict(fit, features), known, signals)
-        return EstimatorState(motor, link, torque_state, fit, gate), estimate
+        return EstimatorState(motor, link, torque_state, fit, gate, lag), estimate
 
     @property
     def _filters_motor(self) -> bool:
@@ -92,6 +103,14 @@ class StiffnessEstimator(AbstractEstimator):
     @property
     def _filters_link(self) -> bool:
         return self.deflection == "filtered"
+
+    @property
+    def _lags(self) -> bool:
+        return self.matched and self.torque.lag is not None
+
+    def _setpoint(self, sample: Sample) -> Scalar:
+        has_setpoint = self.basis.uses_setpoint or sample.setpoint_position is not None
+        return sample.read("setpoint_position") if has_setpoint else jnp.zeros_like(sample.dt)
 
     def _raw_deflection(self, sample: Sample) -> Scalar:
         if self.deflection == "measured":
@@ -108,6 +127,4 @@ class StiffnessEstimator(AbstractEstimator):
             reading = sample.read("link_position")
             link, (link_position, _) = self.velocity.step(link, reading, sample.dt)
             deflection = link_position - position
-        has_setpoint = self.basis.uses_setpoint or sample.setpoint_position is not None
-        setpoint = sample.read("setpoint_position") if has_setpoint else jnp.zeros_like(deflection)
-        return motor, link, Kinematics(deflection, setpoint, position, velocity)
+        return motor, link, Kinematics(deflection, self._setpoint(sample), position, velocity)

@@ -44,6 +44,11 @@ class AbstractTorqueSource(eqx.Module):
     def needs(self) -> frozenset[str]:
         """Names of the signals that a sample must have."""
 
+    @property
+    @abstractmethod
+    def lag(self) -> Scalar | None:
+        """Gain K of the lag K/(s + K) of the signal behind the torque [1/s]; `None` without one."""
+
     @abstractmethod
     def init(self, sample: Sample) -> Any:
         """Return the state before the first sample is processed."""
@@ -60,6 +65,11 @@ class SensorTorque(AbstractTorqueSource):
     def needs(self) -> frozenset[str]:
         """Return the signals that are read."""
         return frozenset({"elastic_torque"})
+
+    @property
+    def lag(self) -> None:
+        """There is none."""
+        return None
 
     def init(self, sample: Sample) -> tuple[()]:
         """There is nothing to remember."""
@@ -83,6 +93,11 @@ class ModelTorque(AbstractTorqueSource):
     def needs(self) -> frozenset[str]:
         """Return the signals that are read."""
         return frozenset()
+
+    @property
+    def lag(self) -> None:
+        """There is none."""
+        return None
 
     def init(self, sample: Sample) -> tuple[()]:
         """There is nothing to remember."""
@@ -130,6 +145,11 @@ class ResidualTorque(AbstractTorqueSource):
     def needs(self) -> frozenset[str]:
         """Return the signals that are read."""
         return frozenset({"motor_position", "motor_torque"})
+
+    @property
+    def lag(self) -> Scalar:
+        """Return K_I."""
+        return self.observer_gain
 
     def init(self, sample: Sample) -> ResidualState:
         """Start with zero residual at rest at the first sample."""

@@ -35,6 +35,7 @@ def algebraic(**options) -> AlgebraicObserver:
 ESTIMATORS = {
     "sensor": paper_estimator(SensorTorque(), basis=paper_basis(2, 2), gate=GATE),
     "residual": paper_estimator(residual_torque(), basis=paper_basis(2, 1), gate=GATE),
+    "matched": paper_estimator(residual_torque(20.0), basis=paper_basis(2, 2), gate=GATE, matched=True),
     "model": StiffnessEstimator(
         ModelTorque(CubicSpring(100.0, 1e3)),
         Taylor(0.1, order=1),

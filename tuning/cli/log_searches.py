@@ -1,0 +1,50 @@
+"""Tuning on a robot's own log: what `vsajax tune` does with a study that has a [recording]."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from tuning.cli.options import emit, table
+
+
+def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: bool, quiet: bool) -> None:
+    """Tune on the log of a study, print and write what was found."""
+    from tuning.log_study import load_log_study, require_untouched
+
+    loaded = load_log_study(study, settings)
+    require_untouched(folder)
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.figures import save
+    from tuning.log_figures import draw_tried
+    from tuning.log_tuning import plan_log_search, write_tuned_log
+
+    search = plan_log_search(loaded, str(study))
+    tuned = search.run(quiet=quiet)
+    write_tuned_log(loaded, tuned, folder)
+    picture = save(draw_tried(tuned.rows, list(tuned.values)), folder / "figures" / "tuning.png")
+    result = {name: value for name, value in asdict(tuned).items() if name != "rows"}
+    result |= {"run": folder, "best": folder / "best.toml", "picture": picture, "notes": list(search.table.notes)}
+
+    def text() -> str:
+        parts = {"training": tuned.train, "held out": tuned.held_out, "whole log": tuned.whole}
+        lines = [table(["number", "tuned"], list(tuned.values.items()))]
+        lines.append(f"{loaded.tune.objective}: {tuned.before:.4g} % before, {tuned.objective:.4g} % tuned")
+        if loaded.tune.objective == "agreement":
+            headers = ["", "correlation", "without the lag", "stiffness [N·m/rad]", "samples"]
+            rows = [[n, p.correlation, p.unlagged, p.stiffness, p.samples] for n, p in parts.items()]
+        else:
+            headers = ["", "rms [N·m]", "samples"]
+            rows = [[n, p.rms, p.samples] for n, p in parts.items()]
+        lines.append(table(headers, rows))
+        if loaded.tune.objective == "no_load":
+            lines.append(
+                f"noise floor ± {tuned.floor:.4g} N·m (99.9 % of the training part); "
+                f"{100 * tuned.share_within:.4g} % of the held-out part lie within"
+            )
+        return "\n".join([*lines, f"wrote {folder / 'best.toml'}, {folder / 'results.parquet'} and {picture}"])
+
+    emit(result, as_json=as_json, quiet=quiet, text=text)

@@ -1,0 +1,104 @@
+"""Every format a log may come in, behind one function: the columns of a file, grouped by the rows they share."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from tuning.errors import InputError, input_error
+from tuning.log_files import SUFFIXES as TABLE_SUFFIXES
+from tuning.log_files import LogFile, check_readable, read_log_file
+
+WIDEST = 64
+"""Columns up to which a matrix counts as signals."""
+
+Columns = Mapping[str, np.ndarray | pa.Array]
+
+_READERS = {
+    ".mat": "tuning.log_mat",
+    ".h5": "tuning.log_hdf5",
+    ".hdf5": "tuning.log_hdf5",
+    ".bag": "tuning.log_bags",
+    ".mcap": "tuning.log_bags",
+    ".db3": "tuning.log_bags",
+}
+SUFFIXES = (*TABLE_SUFFIXES, *_READERS)
+
+
+def read_streams(path: Path) -> list[LogFile]:
+    """Return the columns of a log, as one `LogFile` for those that share their rows.
+
+    CSV and Parquet have one such group, MAT and HDF5 one for each length, a bag one for each topic.
+
+    Raises:
+        InputError: the file is missing, empty, unreadable, cut short, of an unknown format, or holds no numbers;
+            or the package that reads its format is not installed.
+    """
+    suffix = path.suffix.lower()
+    if path.is_dir() and (path / "metadata.yaml").is_file():
+        suffix = ".mcap"
+    if suffix not in _READERS:
+        if suffix not in TABLE_SUFFIXES and not path.is_dir():
+            known = ", ".join(SUFFIXES)
+            raise input_error(path, f"unknown suffix {suffix!r}; known are {known}", "convert it to one of them")
+        return [read_log_file(path)]
+    if not path.is_dir():
+        check_readable(path)
+    read: Callable[[Path], list[LogFile]] = importlib.import_module(_READERS[suffix]).read
+    try:
+        streams = read(path)
+    except InputError:
+        raise
+    except ImportError as error:
+        raise input_error(
+            path, f"needs the package {error.name} to be read", "install it: pip install 'vsajax[logs]'"
+        ) from None
+    # A damaged file may make its parser fail anyhow; none of it is the user's to read.
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise input_error(
+            path, f"cannot be read as a {suffix} file: {reason}", "was it cut short or misnamed?"
+        ) from None
+    if not streams:
+        raise input_error(
+            path, "holds no signals: no column of numbers", f"columns and up to {WIDEST} wide matrices"
+        )
+    return streams
+
+
+def group_by_length(path: Path, columns: Columns) -> list[LogFile]:
+    """Return columns as one `LogFile` for each length of at least 2."""
+    groups: dict[int, dict[str, pa.Array]] = {}
+    for name, values in columns.items():
+        if len(values) > 1:
+            groups.setdefault(len(values), {})[name] = pa.array(values)
+    return [LogFile(path, tuple(group), pa.table(group)) for group in groups.values()]
+
+
+def split_matrix(values: np.ndarray, name: str, column: Callable[[int, bool], str]) -> dict[str, np.ndarray]:
+    """Return the signals of an array of numbers by name; none where it cannot be signals.
+
+    Args:
+        values: of up to two dimensions; the longer one is time.
+        name: of a vector.
+        column: (number from 0, whether signals are rows) -> what follows the name of a matrix.
+    """
+    values = np.squeeze(values)
+    if values.dtype.kind not in "fiub" or values.ndim not in (1, 2):
+        return {}
+    if values.ndim == 1:
+        return {name: values}
+    is_wide = values.shape[1] > values.shape[0]
+    signals = values if is_wide else values.T
+    if len(signals) > WIDEST:
+        return {}
+    return {f"{name}{column(i, is_wide)}": np.ascontiguousarray(row) for i, row in enumerate(signals)}
+
+
+def names_of(streams: Sequence[LogFile]) -> list[str]:
+    """Return the names of all columns."""
+    return [name for stream in streams for name in stream.names]

@@ -1,0 +1,355 @@
+"""A signal map proposed from the names and the numbers of a log's columns, each guess with its reason."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tuning.errors import InputError, input_error
+from tuning.log_faults import find_wraps
+from tuning.log_files import LogFile
+from tuning.log_streams import Log, open_log
+from tuning.signal_map import Angle, Kind, name_need, signals_of, unmet_needs
+
+_TIME = r"^t_|^(t|time|times|timestamp|stamp|clock|elapsed|secs?|seconds|millis|micros)$|time|stamp"
+_NOT_MEASURED = r"cmd|command|desired|target|\bref|reference|vel|speed|accel|err|temp|pwm|covariance|orientation"
+# In order: a column is the first signal that it fits, a signal the first column that fits its first pattern.
+_NAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("setpoint_position", (r"set_?point.*pos|stiffness_?motor|theta_?c\b",)),
+    ("motor1_position", (r"(motor|theta|m)_?1.*(pos|ang)|theta_?1\b",)),
+    ("motor2_position", (r"(motor|theta|m)_?2.*(pos|ang)|theta_?2\b",)),
+    ("motor1_torque", (r"(motor|tau|m)_?1.*(torq|tau|curr)|tau_?1\b",)),
+    ("motor2_torque", (r"(motor|tau|m)_?2.*(torq|tau|curr)|tau_?2\b",)),
+    ("true_stiffness", (r"true_stiff",)),
+    ("true_elastic_torque", (r"true_(elastic_)?torq",)),
+    ("deflection", (r"deflect|displac|spring_?(pos|ang)|twist", r"alpha")),
+    ("motor_position", (r"(motor|rotor|hub).*(pos|ang|enc)", r"theta")),
+    (
+        "motor_torque",
+        (r"(motor|phase).*(torq|tau)", r"(motor|winding).*(curr|volt)|^current|^i_?q", r"vm\b|^volt"),
+    ),
+    ("link_position", (r"(link|joint|load|output|arm).*(pos|ang|enc)", r"^pos|position|^q\b|angle")),
+    ("elastic_torque", (r"torque_?(ati|out|sens|meas)|elastic|effort", r"(ft|sensor|link).*torq", r"torq|tau")),
+)
+_UNITS: tuple[tuple[str, str], ...] = (
+    (r"mrad", "mrad"),
+    (r"deg|°", "deg"),
+    (r"rad\b", "rad"),
+    (r"count|ticks?|raw|enc\b", "counts"),
+    (r"revs?\b|turns?", "rev"),
+    (r"mnm\b|mn_?m", "mN.m"),
+    (r"ncm\b", "N.cm"),
+    (r"nm\b|n_?m\b", "N.m"),
+    (r"\bma\b|milliamp", "mA"),
+    (r"\ba\b|amp|current", "A"),
+    (r"\bmv\b", "mV"),
+    (r"\bv\b|volt|\bvm\b", "V"),
+)
+_ANGLES, _ELECTRICAL = ("rad", "mrad", "deg", "rev", "counts"), ("A", "mA", "V", "mV")
+_CLOCKS = (("ns", r"ns\b|nano"), ("us", r"us\b|micro"), ("ms", r"ms\b|milli"), ("s", r"_s\b|sec"))
+_LOOKED_AT = 20_000
+_MOST_RUNS = 10_000
+
+
+def _end_of_word(pattern: str) -> str:
+    """Return a pattern in which a word ends at a digit or an underscore too, unlike Python's."""
+    return pattern.replace(r"\b", r"(?![a-z])")
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One signal's place.
+
+    Args:
+        name: of the signal.
+        column: of the file.
+        unit: there.
+        reasons: for all of it.
+        sign: 1 or −1.
+        gear_ratio: 1 where there is none.
+        wraps_at: `None` where it does not wrap.
+        clock: the column of its stamps, where they are not the clock's.
+    """
+
+    name: str
+    column: str
+    unit: str
+    reasons: tuple[str, ...]
+    sign: int = 1
+    gear_ratio: float = 1.0
+    wraps_at: float | None = None
+    clock: str | None = None
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A whole map.
+
+    Args:
+        kind: of the joint.
+        clock: column, unit and reason.
+        guesses: of the signals.
+        select: column and value of one run, and why; `None` where the log is one.
+        lacking: what the kind needs and no column fits.
+        others: columns that nothing fits.
+    """
+
+    kind: Kind
+    clock: tuple[str, str, str]
+    guesses: tuple[Guess, ...]
+    select: tuple[str, str | float, str] | None
+    lacking: tuple[str, ...]
+    others: tuple[str, ...]
+
+
+def propose(path: Path) -> Proposal:
+    """Return a proposal for a log.
+
+    Raises:
+        InputError: the log cannot be read, or no column can be a clock.
+    """
+    log = open_log(path)
+    numbers = {name: values for stream in log.streams for name, values in _numbers(stream).items()}
+    stream, clock = _guess_clock(log, numbers)
+    taken = {clock[0], *_stamps(log, numbers)}
+    guesses: list[Guess] = []
+    for name, patterns in _NAMES:
+        matches = ((_first_match(numbers, pattern, taken), pattern) for pattern in patterns)
+        column, pattern = next((match for match in matches if match[0]), (None, ""))
+        if column is not None:
+            taken.add(column)
+            guesses.append(_guess(name, column, numbers[column], log, stream, pattern))
+    guesses = _relate(guesses, numbers)
+    present = {guess.name for guess in guesses}
+    kind: Kind = "antagonistic" if "motor1_position" in present else "sea"
+    if "setpoint_position" in present:
+        kind = "serial"
+    guesses = [guess for guess in guesses if guess.name in signals_of(kind)]
+    lacking = tuple(name_need(need) for need in unmet_needs(kind, {guess.name for guess in guesses}))
+    mapped = {clock[0], *(guess.column for guess in guesses)}
+    select = _guess_selection(stream, clock[0])
+    return Proposal(
+        kind, clock, tuple(guesses), select, lacking, tuple(n for n in log.names if n and n not in mapped)
+    )
+
+
+def _numbers(stream: LogFile) -> dict[str, np.ndarray]:
+    found = {}
+    rows = np.arange(min(stream.table.num_rows, _LOOKED_AT))
+    for name in stream.names:
+        try:
+            found[name] = stream.numbers(name, rows)
+        except InputError:
+            continue
+    return found
+
+
+def _plain(name: str) -> str:
+    """Return a name with its units and indices apart, for patterns."""
+    return re.sub(r"[^a-z0-9°]+", "_", name.lower()).strip("_")
+
+
+def _first_match(numbers: dict[str, np.ndarray], pattern: str, taken: set[str]) -> str | None:
+    for name, values in numbers.items():
+        plain = _plain(name)
+        if name in taken or re.search(_NOT_MEASURED, plain) or not np.ptp(values.astype(float)):
+            continue
+        if re.search(_end_of_word(pattern), plain):
+            return name
+    return None
+
+
+def _stamps(log: Log, numbers: dict[str, np.ndarray]) -> set[str]:
+    return {name for name in numbers if re.search(_TIME, _plain(name)) and _rises(numbers[name])} | {
+        stream.clock for stream in log.streams if stream.clock
+    }
+
+
+def _rises(values: np.ndarray) -> bool:
+    return len(values) > 2 and bool(np.mean(np.diff(values) >= 0) > 0.99)
+
+
+def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tuple[str, str, str]]:
+    named = [n for n in numbers if re.search(_TIME, _plain(n)) and _rises(numbers[n])]
+    rising = [n for n in numbers if _rises(numbers[n]) and np.all(np.diff(numbers[n]) > 0)]
+    own = [stream.clock for stream in log.streams if stream.clock]
+    candidates = own or named or rising
+    if not candidates:
+        raise input_error(log.path, "has no column that rises as a clock does", "write a signal map by hand")
+    column = candidates[0]
+    why = "its name, and it rises" if column in named or column in own else "it is the first column that rises"
+    unit, reason = _clock_unit(column, numbers[column])
+    return log.of(column), (column, unit, f"{why}; {reason}")
+
+
+def _clock_unit(column: str, stamps: np.ndarray) -> tuple[str, str]:
+    for unit, pattern in _CLOCKS:
+        if re.search(_end_of_word(pattern), _plain(column)):
+            return unit, f"unit {unit} by its name"
+    if "stamp" in column and np.issubdtype(stamps.dtype, np.integer) and stamps[0] > 10**17:
+        return "ns", "nanoseconds since 1970 by its size"
+    steps = np.diff(stamps.astype(float))
+    step = float(np.median(steps[steps > 0]))
+    unit = next(
+        (u for u, scale in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if step < 0.2 * scale), "ns"
+    )
+    return unit, f"unit {unit}, as it steps by {step:.4g}"
+
+
+def _guess(name: str, column: str, values: np.ndarray, log: Log, main: LogFile, pattern: str) -> Guess:
+    plain, span = _plain(column), float(np.ptp(values.astype(float)))
+    is_angle = name.endswith("position") or name == "deflection"
+    word = re.search(_end_of_word(pattern), plain)
+    reasons = [f"its name says {word[0] if word else plain}"]
+    allowed = _ANGLES if is_angle else ("N.m", "mN.m", "N.cm", *_ELECTRICAL)
+    if name == "true_stiffness":
+        allowed = ("N.m/rad",)
+    named = (u for p, u in _UNITS if u in allowed and re.search(rf"(?<![a-z])(?:{_end_of_word(p)})", plain))
+    unit = next(named, None)
+    if unit is not None:
+        reasons.append(f"unit {unit} by its name")
+    elif is_angle and np.issubdtype(values.dtype, np.integer) and span > 50:
+        unit = "counts"
+        reasons.append("whole numbers: counts")
+    elif is_angle:
+        limit = 1.5 if name == "deflection" else 16.0 * math.pi
+        unit = "deg" if span > limit else "rad"
+        reasons.append(f"it spans {span:.4g}: {unit}")
+    else:
+        unit = allowed[0]
+        reasons.append(f"no unit in its name: {unit} supposed")
+    stream = log.of(column)
+    clock = stream.clock if stream is not main else None
+    if stream is not main and clock is None:
+        clock = next((n for n in stream.names if re.search(_TIME, _plain(n))), stream.names[0])
+    wraps_at = None
+    if is_angle and unit != "counts":
+        probe = Angle(column=column, unit=unit)  # pyright: ignore[reportArgumentType]
+        for fault in find_wraps(name, probe, values.astype(float), stream, np.arange(len(values))):
+            found = re.search(r"wraps_at = ([0-9.]+)", fault.fix)
+            wraps_at = float(found[1]) if found else None
+            reasons.append(fault.problem)
+    return Guess(name, column, unit, tuple(reasons), wraps_at=wraps_at, clock=clock)
+
+
+def _relate(guesses: Sequence[Guess], numbers: dict[str, np.ndarray]) -> list[Guess]:
+    """Refine guesses by what columns say of one another: signs, and a gear."""
+    found = {guess.name: guess for guess in guesses}
+
+    def values(name: str) -> np.ndarray:
+        return numbers[found[name].column].astype(float)
+
+    def share_rows(a: str, b: str) -> bool:
+        pair = [found[name] for name in (a, b) if name in found]
+        return len(pair) == 2 and not any(g.clock for g in pair) and len(values(a)) == len(values(b))
+
+    if share_rows("deflection", "elastic_torque"):
+        correlation = float(np.corrcoef(values("deflection"), values("elastic_torque"))[0, 1])
+        if correlation < -0.5:
+            torque = found["elastic_torque"]
+            reason = f"sign -1, as it falls when the deflection rises (correlation {correlation:.2f})"
+            found["elastic_torque"] = replace(torque, sign=-1, reasons=(*torque.reasons, reason))
+    if share_rows("motor_position", "link_position"):
+        found["motor_position"] = _behind_gear(
+            found["motor_position"], found["link_position"], values("motor_position"), values("link_position")
+        )
+    return list(found.values())
+
+
+def _behind_gear(motor: Guess, link: Guess, turned: np.ndarray, moved: np.ndarray) -> Guess:
+    """Return the guess of a motor's position with the sign and the gear that its link's tells."""
+    correlation = float(np.corrcoef(moved, turned)[0, 1])
+    if not abs(correlation) > 0.95:
+        return motor
+    reasons = [reason for reason in motor.reasons if not reason.startswith("it spans")]
+    unit = motor.unit
+    if len(reasons) < len(motor.reasons):
+        unit = link.unit
+        reasons.append(f"unit {unit}, as the link's")
+    if correlation < 0:
+        reasons.append("sign -1, as it falls when the link rises")
+    # The finer encoder is the motor's.
+    factor = abs(correlation) * float(np.std(turned) / np.std(moved)) / correlation**2
+    if unit != link.unit or not 1.5 < factor < 2000.0:
+        return replace(motor, unit=unit, sign=int(np.sign(correlation)), reasons=tuple(reasons))
+    reasons.append(f"gear_ratio {factor:.5g}, as it moves so many times as far as the link")
+    return replace(motor, unit=unit, sign=int(np.sign(correlation)), gear_ratio=factor, reasons=tuple(reasons))
+
+
+def _guess_selection(stream: LogFile, clock: str) -> tuple[str, str | float, str] | None:
+    """Return column, value and reason of a selection, where time runs back and a column tells the runs apart."""
+    try:
+        back = np.flatnonzero(np.diff(stream.numbers(clock, np.arange(stream.table.num_rows)).astype(float)) < 0)
+    except InputError:
+        return None
+    if not 0 < back.size < _MOST_RUNS:
+        return None
+    for name in stream.names:
+        cells = stream.column(name).to_pylist()
+        if isinstance(cells[0], str | int) and all(cells[i] != cells[i + 1] for i in back.tolist()):
+            runs = len(set(cells))
+            if runs <= 2 * (back.size + 1):
+                return (
+                    name,
+                    cells[0],
+                    f"time runs back {back.size} times: one of {runs} runs, told apart by {name}",
+                )
+    return None
+
+
+def to_map(proposal: Proposal, path: Path) -> str:
+    """Return a proposal as the commented text of a signal map."""
+    column, unit, reason = proposal.clock
+    lines = [
+        f"# Signal map proposed for {path.name} from names and numbers: check every line. configs/logs/hebi.toml",
+        "# explains every key. Then: vsajax estimate LOG --map THIS -c CONFIG --report log.html",
+        "",
+        "schema_version = 1",
+        f'kind = "{proposal.kind}"',
+        "",
+        "[clock]",
+        f"# {reason}",
+        f"column = {_quoted(column)}",
+        f'unit = "{unit}"',
+    ]
+    if any(guess.clock for guess in proposal.guesses):
+        lines.append('resample = "linear" # signals have stamps of their own')
+    if proposal.select is not None:
+        name, value, why = proposal.select
+        lines += [
+            "",
+            "[select]",
+            f"# {why}",
+            f"{_quoted(name)} = {_quoted(value) if isinstance(value, str) else value}",
+        ]
+    for guess in proposal.guesses:
+        lines += ["", f"[signals.{guess.name}]", *(f"# {reason}" for reason in guess.reasons)]
+        lines += [f"column = {_quoted(guess.column)}", f'unit = "{guess.unit}"']
+        if guess.clock:
+            lines.append(f"clock = {_quoted(guess.clock)}")
+        if guess.sign != 1:
+            lines.append("sign = -1")
+        if guess.gear_ratio != 1.0:
+            lines.append(f"gear_ratio = {guess.gear_ratio:.6g}")
+        if guess.wraps_at is not None:
+            lines.append(f"wraps_at = {guess.wraps_at:.10g}")
+        if guess.unit == "counts":
+            lines.append("counts_per_revolution = 4096.0 # SUPPOSED: look it up")
+        if guess.unit in _ELECTRICAL:
+            lines.append(
+                f"scale = 1.0 # SUPPOSED: {'N.m' if 'torque' in guess.name else 'rad'} per {guess.unit[-1]}"
+            )
+    for need in proposal.lacking:
+        lines += ["", f"# MISSING: no column looks like {need}, which kind {proposal.kind!r} needs."]
+    if proposal.others:
+        lines += ["", "# Columns left over:", *(f"#   {name}" for name in proposal.others[:40])]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

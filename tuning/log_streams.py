@@ -1,0 +1,71 @@
+"""The files of one recording as a single set of columns, whatever rows they share."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tuning.errors import InputError, Mistake
+from tuning.log_files import LogFile
+from tuning.log_formats import read_streams
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log.
+
+    Args:
+        path: of its first file.
+        streams: its columns, by the rows they share.
+    """
+
+    path: Path
+    streams: tuple[LogFile, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all columns."""
+        return [name for stream in self.streams for name in stream.names]
+
+    def of(self, name: str) -> LogFile:
+        """Return the stream that holds a column; `file.csv:column` asks for that of one file of several."""
+        file, _, column = name.partition(":")
+        by_file = [s for s in self.streams if s.path.name == file and column in s.names]
+        return (by_file or [s for s in self.streams if name in s.names])[0]
+
+    def count(self, name: str) -> int:
+        """Return how many columns have a name."""
+        file, _, column = name.partition(":")
+        by_file = sum(s.names.count(column) for s in self.streams if s.path.name == file)
+        return by_file or self.names.count(name)
+
+    def nearest(self, name: str) -> str | None:
+        """Return the column whose name is most like `name`, capitals apart, if any is."""
+        by_lower = {known.lower(): known for known in self.names}
+        near = difflib.get_close_matches(name.lower(), by_lower, 1)
+        return by_lower[near[0]] if near else None
+
+
+def column_in(stream: LogFile, name: str) -> str:
+    """Return the name that a column, perhaps asked for as `file.csv:column`, has in its own stream."""
+    return name if name in stream.names else name.partition(":")[2]
+
+
+def open_log(path: Path, join: Sequence[str] = ()) -> Log:
+    """Return the columns of a log and of the files that join it, which lie in its folder.
+
+    Raises:
+        InputError: a file cannot be read; carries the mistakes of all.
+    """
+    streams: list[LogFile] = []
+    mistakes: list[Mistake] = []
+    for file in (path, *(path.parent / name for name in join if path.parent / name != path)):
+        try:
+            streams += read_streams(file)
+        except InputError as error:
+            mistakes += error.mistakes
+    if mistakes:
+        raise InputError(*mistakes)
+    return Log(path, tuple(streams))
