@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -10,6 +10,13 @@ from vsajax.estimators.base import AbstractEstimator, Prepared
 from vsajax.types import Estimate, Sample
 
 _POSITION, _TORQUE = "motor_position", "motor_torque"
+
+
+class PairState(NamedTuple):
+    """The states of the two sides."""
+
+    first: Any
+    second: Any
 
 
 class AntagonisticPair(AbstractEstimator):
@@ -39,26 +46,26 @@ class AntagonisticPair(AbstractEstimator):
                 names.add(name.replace("motor_", f"motor{number}_") if name in (_POSITION, _TORQUE) else name)
         return frozenset(names)
 
-    def init(self, sample: Sample) -> tuple[Any, Any]:
+    def init(self, sample: Sample) -> PairState:
         """Return both states before the first sample."""
         first, second = self.both
-        return first.init(sample.side(1)), second.init(sample.side(2))
+        return PairState(first.init(sample.side(1)), second.init(sample.side(2)))
 
-    def step(self, state: tuple[Any, Any], sample: Sample) -> tuple[tuple[Any, Any], Estimate]:
+    def step(self, state: PairState, sample: Sample) -> tuple[PairState, Estimate]:
         """Process one sample on both sides; return (states, sum)."""
         stepped = [e.step(s, sample.side(n)) for n, (e, s) in enumerate(zip(self.both, state, strict=True), 1)]
-        return (stepped[0][0], stepped[1][0]), _sum(stepped[0][1], stepped[1][1])
+        return PairState(stepped[0][0], stepped[1][0]), _sum(stepped[0][1], stepped[1][1])
 
     def offline(self, samples: Sample) -> Prepared:
         """Return both sides over a whole recording."""
         first, second = (e.offline(samples.side(n)) for n, e in enumerate(self.both, 1))
 
-        def step(state: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[tuple[Any, Any], Estimate]:
-            left, one = first.step(state[0], inputs[0])
-            right, two = second.step(state[1], inputs[1])
-            return (left, right), _sum(one, two)
+        def step(state: PairState, inputs: tuple[Any, Any]) -> tuple[PairState, Estimate]:
+            left, one = first.step(state.first, inputs[0])
+            right, two = second.step(state.second, inputs[1])
+            return PairState(left, right), _sum(one, two)
 
-        return Prepared((first.state, second.state), (first.inputs, second.inputs), step)
+        return Prepared(PairState(first.state, second.state), (first.inputs, second.inputs), step)
 
 
 def _sum(first: Estimate, second: Estimate) -> Estimate:
