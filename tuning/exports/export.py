@@ -63,7 +63,9 @@ def export_config(
             path, f"cannot be exported as {target}: {error}", "choose --to toml, or change it"
         ) from None
     except ImportError as error:
-        raise input_error(f"--to {target}", f"needs {error.name}", "pip install 'vsajax[export]'") from None
+        raise input_error(
+            f"--to {target}", f"needs a package that is not installed ({error})", "pip install 'vsajax[export]'"
+        ) from None
     manifest = manifest_of(subject, target, path, artefact)
     files = _write(folder, artefact, subject, manifest)
     results = run_check(folder, thorough=thorough)

@@ -77,11 +77,12 @@ class Equation:
 
 @dataclass(frozen=True)
 class Flat:
-    """A function as equations in order."""
+    """A function as equations in order, and as jax traced it where it was."""
 
     inputs: tuple[Symbol, ...]
     outputs: tuple[Atom, ...]
     equations: tuple[Equation, ...]
+    closed: Any = None
 
     def used(self) -> frozenset[int]:
         """Return the positions of the inputs that anything reads."""
@@ -100,7 +101,7 @@ def flatten(closed: Any) -> Flat:
     inputs = tuple(Symbol(tuple(aval.shape), np.dtype(aval.dtype)) for aval in closed.in_avals)
     flattener = _Flattener()
     outputs = flattener.run(jaxpr, closed.consts, inputs, Origin())
-    return Flat(inputs, tuple(outputs), _needed(flattener.equations, outputs))
+    return Flat(inputs, tuple(outputs), _needed(flattener.equations, outputs), closed)
 
 
 @dataclass

@@ -119,10 +119,10 @@ def _sequence(items: list[Field | None]) -> Field | None:
 
 
 def _record(cls: type, values: dict[str, Any]) -> Field | None:
-    told = _told(cls)
+    explained = told(cls)
     fields = {}
     for name, value in values.items():
-        meaning, unit = told.get(name, ("", ""))
+        meaning, unit = explained.get(name, ("", ""))
         field = describe(value, unit=unit, meaning=meaning)
         if field is not None:
             fields[name] = field
@@ -131,7 +131,7 @@ def _record(cls: type, values: dict[str, Any]) -> Field | None:
 
 
 @cache
-def _told(cls: type) -> dict[str, tuple[str, str]]:
+def told(cls: type) -> dict[str, tuple[str, str]]:
     """Return meaning and unit of every argument that a class' docstring explains."""
     found: dict[str, list[str]] = {}
     _, _, text = (inspect.getdoc(cls) or "").partition("Args:\n")
@@ -145,18 +145,18 @@ def _told(cls: type) -> dict[str, tuple[str, str]]:
             found[name].append(line.strip())
         else:
             name = ""
-    told = {}
+    explained = {}
     for name, lines in found.items():
         meaning = " ".join(lines).removesuffix(".")
         unit = _UNIT.search(meaning)
         has_one = unit is not None and not re.search(r"[,( ]", unit[1])
-        told[name] = (
+        explained[name] = (
             " ".join(meaning.replace(unit[0], "").split()).replace(" ;", ";").replace(" ,", ",").lstrip("; ")
             if unit and has_one
             else meaning,
             unit[1] if unit and has_one else "",
         )
-    return told
+    return explained
 
 
 def snake(name: str) -> str:

@@ -65,7 +65,9 @@ def deviation(answers: Sequence[float], recorded: Sequence[float]) -> float:
     return worst
 
 
-def compare(name: str, what: str, answers: dict[str, Sequence[float]], recorded: dict[str, list[float]]) -> Result:
+def compare(
+    name: str, what: str, answers: Mapping[str, Sequence[float]], recorded: Mapping[str, Sequence[float]]
+) -> Result:
     """Return whether all answers lie within the tolerance of the recorded ones."""
     found = {key: deviation(answers.get(key, ()), values) for key, values in recorded.items()}
     worst = max(found, key=lambda key: found[key])
