@@ -51,6 +51,7 @@ class Storage:
         type: of its elements.
         role: "given" by the caller and never written; "state", read before it is written; "local"; "result".
         group: locals of one group may become one array.
+        is_inner: it only lives within one turn of a fused loop.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Storage:
     type: Type
     role: Role
     group: str = ""
+    is_inner: bool = False
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tuning.exports.c99.expressions import Index, Storage
+from tuning.exports.c99.expressions import Assign, Index, Storage
+from tuning.exports.c99.fusing import Block, Statement
 from tuning.exports.c99.generate import Derived, Generated, member, storage_of
 from tuning.exports.c99.lowering import Code
 from tuning.exports.c99.naming import identifier
@@ -58,8 +60,7 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
         has_derived=bool(derived),
         structs="\n".join([*params, *state, *derived, *inputs, *outputs]),
     )
-    names = _Names()
-    prepare, init, step = (_body(code, names) for code in (generated.prepare, generated.init, generated.step))
+    prepare, init, step = (_body(code) for code in (generated.prepare, generated.init, generated.step))
     body = [
         *_tables(generated.step),
         f"void {name}_defaults({name}_params *params)\n{{\n{_lines(_defaults(program))}}}\n",
@@ -190,54 +191,80 @@ def _initialiser(array: np.ndarray, kind: str) -> str:
     return "{\n    " + "\n    ".join(lines) + "\n}" if len(lines) > 1 else "{" + lines[0] + "}"
 
 
-class _Names:
-    """Gives locals their names: those of one statement of the source become one array."""
-
-    def settle(self, code: Code) -> dict[int, tuple[str, Index | None, int]]:
-        """Return name, index and number of members for every local storage of some code."""
-        groups: dict[tuple[str, tuple[int, ...], str], list[Storage]] = {}
-        for s in code.statements:
-            if s.target.role == "local":
-                members = groups.setdefault((s.target.group, s.target.shape, s.target.type), [])
-                if s.target not in members:
-                    members.append(s.target)
-        taken: dict[str, int] = {}
-        found: dict[int, tuple[str, Index | None, int]] = {}
-        for members in groups.values():
-            base = identifier(members[0].name)
-            if base in _ARGUMENTS:
-                base = f"{base}_value"
-            taken[base] = taken.get(base, 0) + 1
-            name = base if taken[base] == 1 else f"{base}_{taken[base]}"
-            for n, one in enumerate(members):
-                found[id(one)] = (name, Index(n) if len(members) > 1 else None, len(members))
-        return found
-
-
-def _body(code: Code, names: _Names) -> list[str]:
-    """Return the lines of a function."""
-    found = names.settle(code)
-    renamed: set[int] = set()
+def _name_locals(statements: list[Assign]) -> dict[str, str]:
+    """Give locals their names, those of one statement of the source one array; return the arrays' declarations."""
+    groups: dict[tuple[str, tuple[int, ...], str], list[Storage]] = {}
+    for s in statements:
+        if s.target.role == "local":
+            members = groups.setdefault((s.target.group, s.target.shape, s.target.type), [])
+            if s.target not in members:
+                members.append(s.target)
+    taken: Counter[str] = Counter()
     declared: dict[str, str] = {}
-    for s in code.statements:
-        storage = s.target
-        if id(storage) in found and id(storage) not in renamed:
-            name, index, members = found[id(storage)]
-            renamed.add(id(storage))
-            storage.name, storage.indices = name, (index,) if index is not None else ()
-            dimensions = (members, *storage.shape) if index is not None else storage.shape
-            if dimensions:
-                declared[name] = f"{storage.type} {name}{''.join(f'[{n}]' for n in dimensions)};"
-    lines, place = [], ""
-    for s in roll(code.statements):
-        if s.place and s.place != place:
-            place = s.place
-            lines += ([""] if lines else []) + [f"/* {place} */"]
-        single = s.target.role == "local" and not s.target.shape and not s.target.indices
-        if s.target.role == "local" and s.target.name in declared:
-            lines.append(declared.pop(s.target.name))
-        lines += statement(s, declare=single)
-    return lines
+    for members in groups.values():
+        base = identifier(members[0].name)
+        base = f"{base}_value" if base in _ARGUMENTS else base
+        taken[base] += 1
+        name = base if taken[base] == 1 else f"{base}_{taken[base]}"
+        first = members[0]
+        dimensions = (len(members), *first.shape) if len(members) > 1 else first.shape
+        for n, one in enumerate(members):
+            one.name, one.indices = name, (Index(n),) if len(members) > 1 else ()
+        if dimensions:
+            declared[name] = f"{first.type} {name}{''.join(f'[{n}]' for n in dimensions)};"
+    return declared
+
+
+def _body(code: Code) -> list[str]:
+    """Return the lines of a function."""
+    return _Body(_name_locals(code.statements)).lines(code.fused)
+
+
+@dataclass
+class _Body:
+    """Writes statements, each array declared where it is first written.
+
+    Args:
+        declared: declarations by name, of what is not written yet.
+    """
+
+    declared: dict[str, str]
+    place: str = ""
+
+    def lines(self, statements: Sequence[Statement]) -> list[str]:
+        """Return the lines of statements and of the loops around some of them."""
+        lines: list[str] = []
+        plain: list[Assign] = []
+        for one in [*statements, None]:
+            if isinstance(one, Assign):
+                plain.append(one)
+                continue
+            lines += self._plain(plain, is_first=not lines)
+            plain = []
+            if isinstance(one, Block):
+                variable, start, end = one.loop
+                lines += [
+                    self.declared.pop(s.target.name)
+                    for s in one.body
+                    if s.target.role == "local" and not s.target.is_inner and s.target.name in self.declared
+                ]
+                inner = self.lines(one.body)
+                lines += [f"for (int {variable} = {start}; {variable} < {end}; ++{variable}) {{"]
+                lines += [f"    {line}" if line else "" for line in inner]
+                lines.append("}")
+        return lines
+
+    def _plain(self, statements: list[Assign], *, is_first: bool) -> list[str]:
+        lines: list[str] = []
+        for s in roll(statements):
+            if s.place and s.place != self.place:
+                self.place = s.place
+                lines += ([] if is_first and not lines else [""]) + [f"/* {s.place} */"]
+            single = s.target.role == "local" and not s.target.shape and not s.target.indices
+            if s.target.role == "local" and s.target.name in self.declared:
+                lines.append(self.declared.pop(s.target.name))
+            lines += statement(s, declare=single)
+        return lines
 
 
 __all__ = ["Source", "member", "write"]

@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from tuning.exports.c99.expressions import Assign, Index, Read, Role, Storage, operations
+from tuning.exports.c99.fusing import fuse
 from tuning.exports.c99.lowering import Code, Lowering, settle
 from tuning.exports.c99.naming import identifier
 from tuning.exports.c99.primitives import type_of
@@ -37,17 +38,14 @@ class Generated:
         prepare: computes them.
         init: sets the state.
         step: processes a sample.
+        operations: of one step, every branch of a choice counted.
     """
 
     derived: tuple[Derived, ...]
     prepare: Code
     init: Code
     step: Code
-
-    @property
-    def operations(self) -> Counter[str]:
-        """Operations of one step, all branches counted."""
-        return count(self.step)
+    operations: Counter[str]
 
 
 def count(code: Code) -> Counter[str]:
@@ -106,7 +104,10 @@ def generate(program: StepProgram) -> Generated:
     begun |= _given(program.init.inputs[n:], inputs, "first", "given")
     start = _storages(state.places, "self->state", "result")
     Lowering(program.init, begun, init, dict(enumerate(start))).run()
-    return Generated(tuple(derived), prepare, init, step)
+    operations = count(step)
+    for code in (prepare, init, step):
+        code.fused = fuse(code.statements)
+    return Generated(tuple(derived), prepare, init, step, operations)
 
 
 def _split(flat: Flat, parameters: int) -> tuple[tuple[Equation, ...], tuple[Equation, ...]]:

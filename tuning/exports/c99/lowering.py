@@ -27,6 +27,7 @@ from tuning.exports.c99.expressions import (
     reads,
     size,
 )
+from tuning.exports.c99.fusing import Statement
 from tuning.exports.c99.primitives import REDUCTIONS, lower, type_of
 from tuning.exports.c99.values import Value, stored
 from tuning.exports.flatten import Atom, Equation, Flat, Origin, Symbol
@@ -40,10 +41,11 @@ _VARIABLES = "ijklmn"
 
 @dataclass
 class Code:
-    """Statements, and the constant arrays that they read."""
+    """Statements, the constant arrays that they read, and in the end the same statements with long loops fused."""
 
     statements: list[Assign] = field(default_factory=list)
     tables: list[tuple[Storage, np.ndarray]] = field(default_factory=list)
+    fused: list[Statement] = field(default_factory=list)
 
 
 def loops_over(shape: Sequence[int], taken: int = 0) -> tuple[tuple[Index, ...], tuple[Loop, ...]]:
