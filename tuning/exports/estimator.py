@@ -24,8 +24,35 @@ def estimator_program(config: Config) -> StepProgram:
     Raises:
         Untraceable: it cannot leave Python.
     """
-    estimator = build_estimator(config)
-    return _trace(config, estimator, inputs_of(estimator))
+    title = f"{config.name}: stiffness estimator of a joint of kind {config.kind}"
+    return program_of(build_estimator(config), name=identifier_of(config.name), title=title)
+
+
+def program_of(estimator: AbstractEstimator, *, name: str, title: str) -> StepProgram:
+    """Return the step of an estimator; what it does not read of its numbers is frozen, not a parameter.
+
+    Raises:
+        Untraceable: it cannot leave Python.
+    """
+    sample = sample_of(inputs_of(estimator))
+
+    def traced(parameters: AbstractEstimator) -> StepProgram:
+        def whole(leaves: AbstractEstimator) -> AbstractEstimator:
+            return eqx.combine(leaves, estimator)
+
+        return trace(
+            name,
+            title,
+            parameters,
+            sample,
+            lambda leaves, sample: whole(leaves).init(sample),
+            lambda leaves, state, sample: whole(leaves).step(state, sample),
+        )
+
+    program = traced(eqx.filter(estimator, eqx.is_array))
+    read = program.init.used() | program.step.used()
+    leaves, structure = jax.tree.flatten(program.parameters.tree)
+    return traced(jax.tree.unflatten(structure, [leaf if i in read else None for i, leaf in enumerate(leaves)]))
 
 
 def inputs_of(estimator: AbstractEstimator) -> tuple[str, ...]:
@@ -47,31 +74,6 @@ def sample_of(names: frozenset[str] | tuple[str, ...]) -> Sample:
     """Return a sample of zeros with some signals."""
     zero = jnp.zeros(())
     return Sample(zero, **{name: zero for name in Sample._fields if name in names})
-
-
-def _trace(config: Config, estimator: AbstractEstimator, names: tuple[str, ...]) -> StepProgram:
-    """Trace an estimator; what its step does not read is frozen, not a parameter."""
-    program = _traced(config, estimator, names, eqx.filter(estimator, eqx.is_array))
-    read = program.init.used() | program.step.used()
-    leaves, structure = jax.tree.flatten(program.parameters.tree)
-    kept = jax.tree.unflatten(structure, [leaf if i in read else None for i, leaf in enumerate(leaves)])
-    return _traced(config, estimator, names, kept)
-
-
-def _traced(
-    config: Config, estimator: AbstractEstimator, names: tuple[str, ...], parameters: AbstractEstimator
-) -> StepProgram:
-    def whole(leaves: AbstractEstimator) -> AbstractEstimator:
-        return eqx.combine(leaves, estimator)
-
-    return trace(
-        identifier_of(config.name),
-        f"{config.name}: stiffness estimator of a joint of kind {config.kind}",
-        parameters,
-        sample_of(names),
-        lambda leaves, sample: whole(leaves).init(sample),
-        lambda leaves, state, sample: whole(leaves).step(state, sample),
-    )
 
 
 def identifier_of(name: str) -> str:

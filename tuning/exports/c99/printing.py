@@ -28,7 +28,8 @@ _INFIX = {
     "lt": ("<", 10), "le": ("<=", 10), "gt": (">", 10), "ge": (">=", 10), "eq": ("==", 9), "ne": ("!=", 9),
     "and": ("&&", 5), "or": ("||", 4), "xor": ("!=", 9),
 }  # fmt: skip
-_ATOM, _UNARY, _CHOICE = 20, 14, 3
+_ATOM, _UNARY, _SUM, _BOTH, _CHOICE = 20, 14, 11, 6, 3
+_COMPARED = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "xor"})
 FUNCTIONS = {
     "sqrt": "sqrt", "exp": "exp", "expm1": "expm1", "log": "log", "log1p": "log1p", "tanh": "tanh",
     "sinh": "sinh", "cosh": "cosh", "sin": "sin", "cos": "cos", "tan": "tan", "atan": "atan", "asin": "asin",
@@ -64,10 +65,11 @@ def _with_strength(e: Expression) -> tuple[str, int]:
     name, arguments = e.operation, e.arguments
     if name in _INFIX and not (name == "rem" and e.type == "real"):
         sign, own = _INFIX[name]
-        # `a - (b - c)`, `a / (b * c)`, and no chains of comparisons.
-        right = own + 1 if name != "and" else own
-        mixed = own + 1 if name == "or" else own
-        return f"{expression(arguments[0], mixed)} {sign} {expression(arguments[1], max(right, mixed))}", own
+        # `a - (b - c)` and `a / (b * c)`; compilers ask for parentheses around && in ||, and in nested comparisons.
+        left, right = {"and": (own, own), "or": (_BOTH, _BOTH)}.get(name, (own, own + 1))
+        if name in _COMPARED:
+            left = right = _SUM
+        return f"{expression(arguments[0], left)} {sign} {expression(arguments[1], right)}", own
     if name == "neg":
         return f"-{expression(arguments[0], _UNARY + 1)}", _UNARY
     if name == "not":
