@@ -65,7 +65,7 @@ def _with_strength(e: Expression) -> tuple[str, int]:
     name, arguments = e.operation, e.arguments
     if name in _INFIX and not (name == "rem" and e.type == "real"):
         sign, own = _INFIX[name]
-        # `a - (b - c)` and `a / (b * c)`; compilers ask for parentheses around && in ||, and in nested comparisons.
+        # `a - (b - c)` and `a / (b * c)`; compilers ask for parentheses round && in || and in comparisons.
         left, right = {"and": (own, own), "or": (_BOTH, _BOTH)}.get(name, (own, own + 1))
         if name in _COMPARED:
             left = right = _SUM
