@@ -123,6 +123,7 @@ def _record(cls: type, values: dict[str, Any]) -> Field | None:
     fields = {}
     for name, value in values.items():
         meaning, unit = explained.get(name, ("", ""))
+        meaning = meaning or (name.replace("_", " ") if unit else "")
         field = describe(value, unit=unit, meaning=meaning)
         if field is not None:
             fields[name] = field

@@ -34,6 +34,8 @@ from tuning.exports.flatten import Atom, Equation, Flat, Origin, Symbol
 
 _LONGEST = 48
 """Operations of an expression, above which it is cut."""
+_FREE = 2
+"""Operations up to which what follows from the place alone, such as a unit matrix, is not worth storing."""
 _NAMED = 6
 """Operations from which a value that the source names is stored under that name."""
 _VARIABLES = "ijklmn"
@@ -138,7 +140,7 @@ class Lowering:
             return True
         first = value.at(loops_over(value.shape)[0])
         operations = size(first)
-        if not operations:
+        if not operations or (operations <= _FREE and not reads(first)):
             return False
         if equation.primitive == "once" or id(symbol) in self.targets or operations > _LONGEST:
             return True
