@@ -185,11 +185,16 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         InputError: the file cannot be written there.
     """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, contents: bytes) -> None:
+    """Write a file as `write_text` does."""
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            beside.write_text(text, encoding="utf-8")
+            beside.write_bytes(contents)
             _put_in_place(beside, path)
         finally:
             beside.unlink(missing_ok=True)

@@ -8,7 +8,17 @@ from typing import NoReturn
 
 import click
 
-from tuning.cli import authoring, bench, inspection, populations, recordings, reports, results, searches
+from tuning.cli import (
+    authoring,
+    bench,
+    deployment,
+    inspection,
+    populations,
+    recordings,
+    reports,
+    results,
+    searches,
+)
 from tuning.errors import InputError
 
 DONE, NOT_HELD, BAD_INPUT, INTERRUPTED = 0, 1, 2, 3
@@ -34,7 +44,7 @@ for command in (
     searches.compare,
     reports.report,
     results.reproduce,
-    results.export,
+    deployment.export,
     bench.bench,
     inspection.doctor,
 ):

@@ -1,4 +1,4 @@
-"""Reproducing the papers and exporting tuned configurations."""
+"""Reproducing the papers."""
 
 from __future__ import annotations
 
@@ -57,25 +57,4 @@ def reproduce(paper: str, folder: Path | None, as_json: bool, quiet: bool) -> No
     }
     emit(result, as_json=as_json, quiet=quiet, text=text)
     if not ok:
-        raise click.exceptions.Exit(1)
-
-
-@click.command(epilog="Example: vsajax export runs/t/best.toml --to json -o deploy")
-@click.argument("config", type=click.Path(path_type=Path))
-@click.option("--to", "target", type=click.Choice(["toml", "json"]), required=True, help="Format.")
-@click.option("-o", "--output", "folder", type=click.Path(path_type=Path), required=True, help="Folder.")
-@JSON
-@QUIET
-def export(config: Path, target: str, folder: Path, as_json: bool, quiet: bool) -> None:
-    """Export a tuned CONFIG with a manifest, read back and checked."""
-    from tuning.exports import export_config
-
-    exported = export_config(config, target, folder)
-    emit(
-        {"ok": exported.ok, "files": [str(path) for path in exported.files], "check": exported.check},
-        as_json=as_json,
-        quiet=quiet,
-        text="\n".join([*(f"wrote {path}" for path in exported.files), f"check: {exported.check}"]),
-    )
-    if not exported.ok:
         raise click.exceptions.Exit(1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,6 +12,13 @@ from vsajax.estimators.base import AbstractEstimator, Prepared
 from vsajax.types import Estimate, Sample
 
 _POSITION, _TORQUE = "motor_position", "motor_torque"
+
+
+class PairState(NamedTuple):
+    """The states of the two sides."""
+
+    first: Any
+    second: Any
 
 
 class AntagonisticPair(AbstractEstimator):
@@ -41,21 +48,21 @@ class AntagonisticPair(AbstractEstimator):
                 names.add(name.replace("motor_", f"motor{number}_") if name in (_POSITION, _TORQUE) else name)
         return frozenset(names)
 
-    def init(self, sample: Sample) -> tuple[Any, Any]:
+    def init(self, sample: Sample) -> PairState:
         """Return both states before the first sample."""
         first, second = self.both
-        return first.init(sample.side(1)), second.init(sample.side(2))
+        return PairState(first.init(sample.side(1)), second.init(sample.side(2)))
 
-    def step(self, state: tuple[Any, Any], sample: Sample) -> tuple[tuple[Any, Any], Estimate]:
+    def step(self, state: PairState, sample: Sample) -> tuple[PairState, Estimate]:
         """Process one sample on both sides; return (states, sum)."""
         stepped = [e.step(s, sample.side(n)) for n, (e, s) in enumerate(zip(self.both, state, strict=True), 1)]
-        return (stepped[0][0], stepped[1][0]), _sum(stepped[0][1], stepped[1][1])
+        return PairState(stepped[0][0], stepped[1][0]), _sum(stepped[0][1], stepped[1][1])
 
     def offline(self, samples: Sample) -> Prepared:
         """Return both sides over a whole recording."""
         first, second = (e.offline(samples.side(n)) for n, e in enumerate(self.both, 1))
         step = BothSteps(first.step, second.step)
-        return Prepared((first.state, second.state), (first.inputs, second.inputs), step)
+        return Prepared(PairState(first.state, second.state), (first.inputs, second.inputs), step)
 
 
 class BothSteps(eqx.Module):
@@ -69,11 +76,11 @@ class BothSteps(eqx.Module):
     first: Callable[[Any, Any], tuple[Any, Estimate]]
     second: Callable[[Any, Any], tuple[Any, Estimate]]
 
-    def __call__(self, state: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[tuple[Any, Any], Estimate]:
+    def __call__(self, state: PairState, inputs: tuple[Any, Any]) -> tuple[PairState, Estimate]:
         """Process one sample on both sides; return (states, sum)."""
-        left, one = self.first(state[0], inputs[0])
-        right, two = self.second(state[1], inputs[1])
-        return (left, right), _sum(one, two)
+        left, one = self.first(state.first, inputs[0])
+        right, two = self.second(state.second, inputs[1])
+        return PairState(left, right), _sum(one, two)
 
 
 def _sum(first: Estimate, second: Estimate) -> Estimate:

@@ -7,8 +7,9 @@ import json
 import pytest
 
 from tests.tuning.builders import SERIAL
-from tuning import exports, reproduce, single
-from tuning.exports import Exported
+from tuning import reproduce, single
+from tuning.exports import export as exporting
+from tuning.exports.recheck import Exported
 from tuning.reproduce import Report, Row
 
 
@@ -41,11 +42,12 @@ def test_a_reproduction_out_of_tolerance_ends_with_1_and_says_which_row(vsajax, 
 
 @pytest.mark.cli
 def test_an_export_that_does_not_hold_ends_with_1(vsajax, monkeypatch, tmp_path):
-    broken = Exported([tmp_path / "estimator.toml"], False, "what was read back DIFFERS")
-    monkeypatch.setattr(exports, "export_config", lambda *_: broken)
+    result = {"name": "read back", "state": "failed", "what": "what was read back DIFFERS", "figures": {}}
+    broken = Exported([tmp_path / "estimator.toml"], [result])
+    monkeypatch.setattr(exporting, "export_config", lambda *_, **__: broken)
     ended = vsajax("export", SERIAL, "--to", "toml", "-o", tmp_path)
     assert ended.code == 1
-    assert "check: what was read back DIFFERS" in ended.out
+    assert "failed   read back: what was read back DIFFERS" in ended.out
     assert json.loads(vsajax("export", SERIAL, "--to", "toml", "-o", tmp_path, "--json").out)["ok"] is False
 
 

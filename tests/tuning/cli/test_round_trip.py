@@ -19,6 +19,7 @@ from tuning.tune import Search
 from vsajax import Scores
 
 KINDS = sorted(path.stem for path in (CONFIGS / "studies").glob("*.toml"))
+BRIEF = ("--duration", "0.1")
 SHORT = [word for setting in SMALL for word in ("--set", setting)]
 MEASURED = ["link_position", "motor_position", "setpoint_position", "motor_torque", "elastic_torque"]
 SCORES = {"mse", "msrep", "msrep_settled", "convergence_time", "coverage", "known_time", "diverged"}
@@ -61,7 +62,11 @@ def test_a_new_study_goes_where_it_is_told(vsajax, tmp_path):
 
 @pytest.mark.cli
 def test_who_wants_quiet_is_told_nothing(vsajax, tmp_path):
-    for words in (("check", SERIAL), ("export", SERIAL, "--to", "json", "-o", tmp_path / "deploy"), ("doctor",)):
+    for words in (
+        ("check", SERIAL),
+        ("export", SERIAL, "--to", "json", "-o", tmp_path / "deploy", *BRIEF),
+        ("doctor",),
+    ):
         assert vsajax(*words, "--quiet") == (0, "", "")
     assert (tmp_path / "deploy" / "estimator.json").exists()
 
@@ -211,15 +216,20 @@ def test_a_study_is_tuned_and_the_best_is_exported(vsajax, tiny, tmp_path, monke
     best = load_study(tmp_path / "tune" / "best.toml")
     for target, read in (("toml", tomllib.loads), ("json", json.loads)):
         deployed = tmp_path / target
-        exported = answer(vsajax("export", result["best"], "--to", target, "-o", deployed, "--json"))
+        exported = answer(vsajax("export", result["best"], "--to", target, "-o", deployed, *BRIEF, "--json"))
         artefact, manifest = deployed / f"estimator.{target}", deployed / "manifest.json"
-        assert exported == {"ok": True, "files": [str(artefact), str(manifest)], "check": "read back equal"}
+        assert exported["ok"] is True
+        assert {str(artefact), str(manifest)} <= set(exported["files"])
+        assert {check["name"]: check["state"] for check in exported["checks"]} == {
+            "schema": "passed",
+            "read back": "passed",
+        }
         assert read(artefact.read_text()) == resolved(best)
         facts = json.loads(manifest.read_text())
-        assert (facts["format"], facts["file"]) == (target, f"estimator.{target}")
+        assert (facts["format"], facts["files"][0]) == (target, f"estimator.{target}")
         assert facts["study_hash"] == study_hash(best)
         assert facts["sample_time_s"] == best.clock.sample_time
         assert facts["scores"]["held_out"]["mean"] == best.provenance["held_out"]["mean"] == 2.0
-        assert facts["check"]["ok"] is True
+        assert facts["checks"] == exported["checks"]
         assert "jax" in facts["versions"]
     assert load_study(tmp_path / "toml" / "estimator.toml") == best

@@ -1,0 +1,81 @@
+"""Exporting tuned configurations, and checking what was exported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tuning.cli.options import JSON, QUIET, SETTINGS, emit
+
+if TYPE_CHECKING:
+    from tuning.exports.recheck import Exported
+
+_TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]
+
+
+@click.command(epilog="Example: vsajax export runs/t/best.toml --to c99 -o deploy --check")
+@click.argument("config", type=click.Path(path_type=Path))
+@click.option("--to", "target", type=click.Choice(_TARGETS), help="Format.")
+@click.option("-o", "--output", "folder", type=click.Path(path_type=Path), help="Folder.")
+@click.option("--check", "thorough", is_flag=True, help="Run every check; alone, those of an exported folder.")
+@click.option(
+    "--recording", type=click.Path(path_type=Path), help="Golden recording, in place of a simulated one."
+)
+@click.option(
+    "--duration",
+    type=click.FloatRange(min=0.01),
+    default=10.0,
+    show_default=True,
+    help="Of the simulated one [s].",
+)
+@SETTINGS
+@JSON
+@QUIET
+def export(
+    config: Path,
+    target: str | None,
+    folder: Path | None,
+    thorough: bool,
+    recording: Path | None,
+    duration: float,
+    settings: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Export a tuned CONFIG with manifest, golden recording and a check that is run; exit 1 if it fails.
+
+    With --check and no format, CONFIG is a folder that was exported, and its checks are run again.
+    """
+    if target is None and folder is None and thorough:
+        from tuning.exports.recheck import check_folder
+
+        _tell(check_folder(config), as_json=as_json, quiet=quiet)
+        return
+    if target is None:
+        raise click.MissingParameter(param_hint="'--to'", param_type="option")
+    if folder is None:
+        raise click.MissingParameter(param_hint="'-o' / '--output'", param_type="option")
+    from tuning.study import load_config
+
+    # Mistakes are told before jax is waited for.
+    load_config(config, settings)
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.exports.export import export_config
+
+    exported = export_config(
+        config, target, folder, settings=settings, seconds=duration, recording=recording, thorough=thorough
+    )
+    _tell(exported, as_json=as_json, quiet=quiet)
+
+
+def _tell(exported: Exported, *, as_json: bool, quiet: bool) -> None:
+    lines = [f"wrote {path}" for path in exported.written]
+    lines += [f"{result['state']:8} {result['name']}: {result['what']}" for result in exported.results]
+    result = {"ok": exported.ok, "files": [str(path) for path in exported.written], "checks": exported.results}
+    emit(result, as_json=as_json, quiet=quiet, text="\n".join(lines))
+    if not exported.ok:
+        raise click.exceptions.Exit(1)

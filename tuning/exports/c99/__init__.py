@@ -1,0 +1,1 @@
+"""C99 from a step program: expressions, lowering, statements, files."""

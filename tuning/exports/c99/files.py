@@ -1,0 +1,270 @@
+"""The header and the source of a generated program."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tuning.exports.c99.expressions import Assign, Index, Storage
+from tuning.exports.c99.fusing import Block, Statement
+from tuning.exports.c99.generate import Derived, Generated, member, storage_of
+from tuning.exports.c99.lowering import Code
+from tuning.exports.c99.naming import identifier
+from tuning.exports.c99.printing import FUNCTIONS, HELPERS, decimal, place, short, statement
+from tuning.exports.c99.rolling import roll
+from tuning.exports.layout import Field, Leaf, Record, Repeated
+from tuning.exports.program import StepProgram
+from tuning.exports.rendering import render
+
+_ARGUMENTS = frozenset({"self", "in", "out", "first", "params", *"ijklmn"})
+"""What no local variable may be called."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A program as C99.
+
+    Args:
+        name: prefix of every public name, and the files' stem.
+        header: text of ``name.h``.
+        source: text of ``name.c``.
+    """
+
+    name: str
+    header: str
+    source: str
+
+
+def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
+    """Return the header and the source of a program.
+
+    Args:
+        program: described.
+        generated: its statements.
+        banner: a line that says where it comes from.
+    """
+    name = program.name
+    structs = _Structs(name)
+    params = structs.of("params", program.parameters.layout)
+    state = structs.of("state", program.state.layout)
+    inputs = structs.of("input", program.inputs.layout)
+    outputs = structs.of("output", program.outputs.layout)
+    derived = _derived_struct(name, generated.derived)
+    shared = {"name": name, "title": program.title, "banner": banner}
+    header = render(
+        "step.h",
+        **shared,
+        has_derived=bool(derived),
+        structs="\n".join([*params, *state, *derived, *inputs, *outputs]),
+    )
+    prepare, init, step = (_body(code) for code in (generated.prepare, generated.init, generated.step))
+    body = [
+        *_tables(generated.step),
+        f"void {name}_defaults({name}_params *params)\n{{\n{_lines(_defaults(program))}}}\n",
+        f"static void prepare({name} *self)\n{{\n{_lines(prepare or ['(void)self;'])}}}\n",
+        f"void {name}_init({name} *self, const {name}_params *params, const {name}_input *first)\n{{\n"
+        f"{_lines(['self->params = *params;', 'prepare(self);', *_unused('first', init), *init])}}}\n",
+        f"void {name}_tune({name} *self, const {name}_params *params)\n{{\n"
+        f"{_lines(['self->params = *params;', 'prepare(self);'])}}}\n",
+        f"void {name}_step({name} *self, const {name}_input *in, {name}_output *out)\n{{\n{_lines(step)}}}\n",
+    ]
+    text = "\n".join(body)
+    functions = [(short(f), f) for f in sorted(set(FUNCTIONS.values())) if f"r_{short(f)}(" in text]
+    helpers = [helper for operation, helper in HELPERS.items() if f"r_{operation}(" in text]
+    return Source(name, header, render("step.c", **shared, functions=functions, helpers=helpers, body=text))
+
+
+def _unused(name: str, lines: list[str]) -> list[str]:
+    return [] if any(f"{name}->" in line for line in lines) else [f"(void){name};"]
+
+
+def _lines(lines: list[str]) -> str:
+    return "".join(f"    {line}\n" if line else "\n" for line in lines)
+
+
+@dataclass
+class _Structs:
+    """Names the structs of one program; alike structs share a name, others of one class are numbered."""
+
+    prefix: str
+
+    def __post_init__(self) -> None:
+        self.known: dict[str, str] = {}
+
+    def of(self, name: str, layout: Record) -> list[str]:
+        """Return the definitions of a struct and of all that it holds, innermost first."""
+        found: list[str] = []
+        self._define(layout, found, f"{self.prefix}_{name}")
+        return found
+
+    def _define(self, record: Record, found: list[str], wanted: str) -> str:
+        members = []
+        for name, field in record.fields.items():
+            members += self._member(name, field, found)
+        body = "".join(f"    {line}\n" for line in members)
+        number, name = 1, wanted
+        while self.known.get(name, body) != body:
+            number += 1
+            name = f"{wanted}_{number}"
+        if name not in self.known:
+            self.known[name] = body
+            note = "".join(f"/* {line} */\n" for line in wrapped_words(_ascii(record.meaning), 94)[:3])
+            found.append(f"{note}typedef struct {name} {{\n{body}}} {name};\n")
+        return name
+
+    def _member(self, name: str, field: Field, found: list[str]) -> list[str]:
+        count = ""
+        while isinstance(field, Repeated):
+            count += f"[{field.count}]"
+            field = field.of
+        if isinstance(field, Record):
+            inner = self._define(field, found, f"{self.prefix}_{field.name}")
+            return [f"{inner} {identifier(name)}{count};"]
+        kind = "bool" if field.kind == "bool" else f"{self.prefix}_real"
+        dimensions = count + "".join(f"[{n}]" for n in field.shape)
+        return comment(f"{kind} {identifier(name)}{dimensions};", _remark(field))
+
+
+def _remark(leaf: Leaf) -> str:
+    unit = f" [{leaf.unit}]" if leaf.unit else ""
+    return f"{leaf.meaning}{unit}".strip()
+
+
+def comment(code: str, remark: str) -> list[str]:
+    """Return a declaration with a remark behind it, or above where that is too long."""
+    if not remark:
+        return [code]
+    text = f"{code} /* {remark} */"
+    if len(text) <= 96:
+        return [text]
+    return [f"/* {line} */" for line in wrapped_words(remark, 88)] + [code]
+
+
+def wrapped_words(text: str, width: int) -> list[str]:
+    """Break a text between words."""
+    lines: list[str] = []
+    for word in text.split():
+        if lines and len(lines[-1]) + 1 + len(word) <= width:
+            lines[-1] += f" {word}"
+        else:
+            lines.append(word)
+    return lines
+
+
+def _ascii(text: str) -> str:
+    return text.replace("*/", "")
+
+
+def _derived_struct(name: str, derived: tuple[Derived, ...]) -> list[str]:
+    if not derived:
+        return []
+    members = "".join(f"    {name}_real {one.name}{''.join(f'[{n}]' for n in one.shape)};\n" for one in derived)
+    return [f"/* What follows from the parameters alone; set by {name}_init and {name}_tune. */\n"
+            f"typedef struct {name}_derived {{\n{members}}} {name}_derived;\n"]  # fmt: skip
+
+
+def _defaults(program: StepProgram) -> list[str]:
+    lines = []
+    for (path, leaf), values in zip(program.parameters.places, program.defaults, strict=True):
+        storage = storage_of(path, leaf.shape, leaf.kind, "params", "given")
+        for index in np.ndindex(*leaf.shape):
+            where = place(storage, tuple(Index(i) for i in index)).replace("params.", "params->", 1)
+            lines.append(f"{where} = R({decimal(float(values[index]))});")
+    return lines
+
+
+def _tables(code: Code) -> Iterator[str]:
+    for storage, array in code.tables:
+        kind = {"real": "real", "int": "int", "bool": "bool"}[storage.type]
+        dimensions = "".join(f"[{n}]" for n in storage.shape)
+        yield f"static const {kind} {storage.name}{dimensions} = {_initialiser(array, storage.type)};\n"
+
+
+def _initialiser(array: np.ndarray, kind: str) -> str:
+    if array.ndim > 1:
+        return "{" + ", ".join(_initialiser(row, kind) for row in array) + "}"
+    texts = [f"R({decimal(float(x))})" if kind == "real" else str(int(x)) for x in array]
+    lines = wrapped_words(", ".join(texts), 92)
+    return "{\n    " + "\n    ".join(lines) + "\n}" if len(lines) > 1 else "{" + lines[0] + "}"
+
+
+def _name_locals(statements: list[Assign]) -> dict[str, str]:
+    """Give locals their names, those of one statement of the source one array; return the arrays' declarations."""
+    groups: dict[tuple[str, tuple[int, ...], str], list[Storage]] = {}
+    for s in statements:
+        if s.target.role == "local":
+            members = groups.setdefault((s.target.group, s.target.shape, s.target.type), [])
+            if s.target not in members:
+                members.append(s.target)
+    taken: Counter[str] = Counter()
+    declared: dict[str, str] = {}
+    for members in groups.values():
+        base = identifier(members[0].name)
+        base = f"{base}_value" if base in _ARGUMENTS else base
+        taken[base] += 1
+        name = base if taken[base] == 1 else f"{base}_{taken[base]}"
+        first = members[0]
+        dimensions = (len(members), *first.shape) if len(members) > 1 else first.shape
+        for n, one in enumerate(members):
+            one.name, one.indices = name, (Index(n),) if len(members) > 1 else ()
+        if dimensions:
+            declared[name] = f"{first.type} {name}{''.join(f'[{n}]' for n in dimensions)};"
+    return declared
+
+
+def _body(code: Code) -> list[str]:
+    """Return the lines of a function."""
+    return _Body(_name_locals(code.statements)).lines(code.fused)
+
+
+@dataclass
+class _Body:
+    """Writes statements, each array declared where it is first written.
+
+    Args:
+        declared: declarations by name, of what is not written yet.
+    """
+
+    declared: dict[str, str]
+    place: str = ""
+
+    def lines(self, statements: Sequence[Statement]) -> list[str]:
+        """Return the lines of statements and of the loops around some of them."""
+        lines: list[str] = []
+        plain: list[Assign] = []
+        for one in [*statements, None]:
+            if isinstance(one, Assign):
+                plain.append(one)
+                continue
+            lines += self._plain(plain, is_first=not lines)
+            plain = []
+            if isinstance(one, Block):
+                variable, start, end = one.loop
+                lines += [
+                    self.declared.pop(s.target.name)
+                    for s in one.body
+                    if s.target.role == "local" and not s.target.is_inner and s.target.name in self.declared
+                ]
+                inner = self.lines(one.body)
+                lines += [f"for (int {variable} = {start}; {variable} < {end}; ++{variable}) {{"]
+                lines += [f"    {line}" if line else "" for line in inner]
+                lines.append("}")
+        return lines
+
+    def _plain(self, statements: list[Assign], *, is_first: bool) -> list[str]:
+        lines: list[str] = []
+        for s in roll(statements):
+            if s.place and s.place != self.place:
+                self.place = s.place
+                lines += ([] if is_first and not lines else [""]) + [f"/* {s.place} */"]
+            single = s.target.role == "local" and not s.target.shape and not s.target.indices
+            if s.target.role == "local" and s.target.name in self.declared:
+                lines.append(self.declared.pop(s.target.name))
+            lines += statement(s, declare=single)
+        return lines
+
+
+__all__ = ["Source", "member", "write"]

@@ -1,0 +1,161 @@
+"""Compiles the generated C with every compiler found, replays the golden recording, and links for Cortex-M.
+
+python check.py            all of it
+python check.py --quick    one compiler only
+"""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from checking import HERE, TOLERANCE, Result, run_checks  # pyright: ignore[reportMissingImports]
+
+MANIFEST = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))
+NAME = MANIFEST["name"]
+SINGLE = f"-D{NAME.upper()}_SINGLE"
+STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
+SANITIZE = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+COARSE = 1e-3
+"""Deviation at the end of the recording above which single precision is advised against."""
+ARM = "arm-none-eabi-gcc"
+CORES = {
+    "cortex-m4": ["-mcpu=cortex-m4", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", SINGLE],
+    "cortex-m7": ["-mcpu=cortex-m7", "-mfloat-abi=hard", "-mfpu=fpv5-d16"],
+}
+
+
+def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command in a folder."""
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def build(compiler: str, options: list[str], folder: Path, main: str = "harness.c") -> str:
+    """Compile the program with all warnings as errors; return what the compiler objects to."""
+    sources = [str(HERE / f"{NAME}.c"), str(HERE / main)]
+    built = run([compiler, *STRICT, *options, "-o", "program", *sources, "-lm"], folder)
+    return "" if built.returncode == 0 else built.stderr[:2000] or "cannot be compiled"
+
+
+def replay(name: str, compiler: str, options: list[str], *, is_judged: bool = True) -> Result:
+    """Return how far the compiled step lies from the golden recording."""
+    if shutil.which(compiler) is None:
+        return Result(name, "skipped", f"{compiler} is not installed")
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        problem = build(compiler, options, folder)
+        if "libclang_rt" in problem:
+            return Result(name, "skipped", "the sanitizers of clang are not installed (Debian: libclang-rt-dev)")
+        if problem:
+            return Result(name, "failed", problem)
+        ran = run(["./program", str(HERE / "golden.csv"), *([f"{TOLERANCE}"] if is_judged else [])], folder)
+    if ran.returncode not in {0, 1} or (ran.stderr and ran.returncode):
+        return Result(name, "failed", (ran.stderr or ran.stdout)[:2000])
+    rows = [line.split() for line in ran.stdout.splitlines()]
+    found = {row[0]: float(row[1]) for row in rows if row[0] != "bytes"}
+    final = {row[0]: float(row[2]) for row in rows if row[0] != "bytes"}
+    size = next(row[1:] for row in rows if row[0] == "bytes")
+    worst = max(found, key=lambda key: found[key])
+    figures = {
+        "deviation": found,
+        "final_deviation": final,
+        "bytes": dict(zip(("estimator", "input", "output"), map(int, size), strict=True)),
+    }
+    if not is_judged:
+        shown = f"stiffness {found['stiffness']:.2g}" if "stiffness" in found else f"{worst} {found[worst]:.2g}"
+        at_end = _final(final)
+        told = f"stated, not judged: {shown} off at worst, {at_end:.2g} at the end"
+        told += "; TOO COARSE for this estimator: use double precision" if at_end > COARSE else ""
+        return Result(name, "passed", told, figures)
+    state = "passed" if ran.returncode == 0 else "failed"
+    return Result(name, state, f"largest deviation {found[worst]:.2g} ({worst}), allowed {TOLERANCE:g}", figures)
+
+
+def _final(final: dict[str, float]) -> float:
+    key = "stiffness" if "stiffness" in final else max(final, key=lambda k: final[k])
+    return final[key]
+
+
+def double_precision() -> list[Result]:
+    """Replay as each compiler builds it."""
+    compilers = ["gcc"] if "--quick" in sys.argv and shutil.which("gcc") else ["gcc", "clang"]
+    results = [replay(f"{compiler}, double", compiler, ["-O2"]) for compiler in compilers]
+    if all(result.state == "skipped" for result in results):
+        results.append(Result("compiler", "failed", "no C compiler was found: install gcc or clang"))
+    return results
+
+
+def single_precision() -> Result:
+    """State the error of single precision."""
+    return replay("single precision", _compiler(), ["-O2", SINGLE], is_judged=False)
+
+
+def sanitizers() -> list[Result]:
+    """Replay under the sanitizers of each compiler."""
+    return [replay(f"{compiler}, address and undefined", compiler, SANITIZE) for compiler in ("gcc", "clang")]
+
+
+def step_time() -> Result:
+    """State how long a step takes here."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        problem = build(_compiler(), ["-O2"], folder)
+        if problem:
+            return Result("step time", "skipped", problem)
+        ran = run(["./program", str(HERE / "golden.csv"), "time"], folder)
+    nanoseconds = float(ran.stdout.split()[1])
+    told = f"{nanoseconds:.0f} ns a step on this machine ({_compiler()} -O2, best of 20 replays)"
+    return Result("step time", "passed", told, {"nanoseconds": nanoseconds})
+
+
+def microcontrollers() -> list[Result]:
+    """Link for each core and state the size."""
+    return [_link(core, options) for core, options in CORES.items()]
+
+
+def _link(core: str, options: list[str]) -> Result:
+    if shutil.which(ARM) is None:
+        return Result(
+            core, "skipped", f"{ARM} is not installed (Debian: gcc-arm-none-eabi, libnewlib-arm-none-eabi)"
+        )
+    specs = [
+        "--specs=nano.specs",
+        "--specs=nosys.specs",
+        "-Wl,--gc-sections",
+        "-ffunction-sections",
+        "-fdata-sections",
+    ]
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        problem = build(ARM, ["-O2", "-mthumb", *options, *specs, "-fstack-usage"], folder, "cortex_m.c")
+        if problem:
+            return Result(core, "failed", problem)
+        text, data, bss = map(
+            int, run(["arm-none-eabi-size", "program"], folder).stdout.splitlines()[1].split()[:3]
+        )
+        usage = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.su"))
+    stack = {
+        function.rpartition(":")[2].removeprefix(f"{NAME}_"): int(count)
+        for function, count in re.findall(r"^(\S+)\t(\d+)", usage, re.MULTILINE)
+        if not function.endswith(":main")
+    }
+    figures = {"flash": text + data, "ram": data + bss, "stack": stack}
+    precision = "single" if SINGLE in options else "double"
+    deepest = max(stack, key=lambda key: stack[key])
+    told = (
+        f"links in {precision} precision: {text + data} bytes of flash, {data + bss} of RAM, "
+        f"{stack[deepest]} of stack ({deepest})"
+    )
+    return Result(core, "passed", told, figures)
+
+
+def _compiler() -> str:
+    return "gcc" if shutil.which("gcc") else "clang"
+
+
+if __name__ == "__main__":
+    everything = [double_precision, single_precision, sanitizers, step_time, microcontrollers]
+    run_checks([double_precision, single_precision] if "--quick" in sys.argv else everything)

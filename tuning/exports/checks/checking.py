@@ -1,0 +1,101 @@
+"""What every check shares: the golden recording, how far an answer lies from it, and how results are told."""
+
+import csv
+import json
+import math
+import statistics
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+HERE = Path(__file__).parent
+TOLERANCE = 1e-9
+"""Largest deviation from the golden recording."""
+
+
+class Result(NamedTuple):
+    """What one check found.
+
+    Args:
+        name: of the check.
+        state: "passed", "failed", or "skipped" where this machine lacks something.
+        what: for people.
+        figures: numbers.
+    """
+
+    name: str
+    state: str
+    what: str
+    figures: Mapping[str, Any] = MappingProxyType({})
+
+
+class Golden(NamedTuple):
+    """The golden recording: `time`, inputs and outputs by name."""
+
+    time: list[float]
+    inputs: dict[str, list[float]]
+    outputs: dict[str, list[float]]
+
+
+def read_golden(path: Path = HERE / "golden.csv") -> Golden:
+    """Return the golden recording; the outputs' columns begin with ``out.``."""
+    with path.open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    columns = {name: [float(row[i]) for row in rows] for i, name in enumerate(header)}
+    time = columns.pop("time")
+    outputs = {name.removeprefix("out."): columns.pop(name) for name in header if name.startswith("out.")}
+    return Golden(time, columns, outputs)
+
+
+def deviation(answers: Sequence[float], recorded: Sequence[float]) -> float:
+    """Return the largest |answer − recorded| / max(|recorded|, typical magnitude), the median one."""
+    if len(answers) != len(recorded):
+        return math.inf
+    finite = [abs(value) for value in recorded if math.isfinite(value)]
+    typical = statistics.median_high(finite) if finite else 0.0
+    worst = 0.0
+    for answer, value in zip(answers, recorded, strict=True):
+        if answer == value or (math.isnan(answer) and math.isnan(value)):
+            continue
+        if not (math.isfinite(answer) and math.isfinite(value)):
+            return math.inf
+        worst = max(worst, abs(answer - value) / max(abs(value), typical, sys.float_info.min))
+    return worst
+
+
+def compare(
+    name: str, what: str, answers: Mapping[str, Sequence[float]], recorded: Mapping[str, Sequence[float]]
+) -> Result:
+    """Return whether all answers lie within the tolerance of the recorded ones."""
+    found = {key: deviation(answers.get(key, ()), values) for key, values in recorded.items()}
+    worst = max(found, key=lambda key: found[key])
+    state = "passed" if found[worst] <= TOLERANCE else "failed"
+    told = f"{what}: largest deviation {found[worst]:.2g} ({worst}), allowed {TOLERANCE:g}"
+    return Result(name, state, told, {"deviation": found, "tolerance": TOLERANCE})
+
+
+def run_checks(checks: Iterable[Callable[[], Result | list[Result]]], needs: str = "") -> None:
+    """Run checks, print what they found, write it to a file after ``--json``, and exit with 1 where one failed.
+
+    Args:
+        checks: functions; a package that is missing skips the check.
+        needs: what to install then.
+    """
+    results: list[Result] = []
+    for check in checks:
+        try:
+            found = check()
+        except ImportError as error:
+            found = Result(check.__name__, "skipped", f"{error}" + (f"; pip install {needs}" if needs else ""))
+        results += found if isinstance(found, list) else [found]
+    for result in results:
+        print(f"{result.state:8} {result.name}: {result.what}")
+    if "--json" in sys.argv:
+        path = Path(sys.argv[sys.argv.index("--json") + 1])
+        path.write_text(
+            json.dumps([{**result._asdict(), "figures": dict(result.figures)} for result in results]),
+            encoding="utf-8",
+        )
+    sys.exit(1 if any(result.state == "failed" for result in results) else 0)

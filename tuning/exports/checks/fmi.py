@@ -1,0 +1,127 @@
+"""Validates the FMU and runs it over the golden recording with FMPy."""
+
+import json
+import shutil
+import sys
+from typing import Any
+
+from checking import HERE, TOLERANCE, Result, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
+
+MANIFEST = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))
+FIRST = MANIFEST["outputs"][0]["name"]
+FMU = str(HERE / MANIFEST["files"][0])
+
+
+def validation() -> Result:
+    """Validate the model description."""
+    from fmpy.validation import validate_fmu
+
+    problems = validate_fmu(FMU)
+    return Result("validation", "failed" if problems else "passed", "; ".join(problems) or "FMPy finds no problem")
+
+
+def replay() -> Result:
+    """Step the FMU from sample to sample, as they were taken, and compare every answer."""
+    import fmpy
+    from fmpy.fmi2 import FMU2Slave
+    from fmpy.fmi3 import FMU3Slave
+
+    description: Any = fmpy.read_model_description(FMU)
+    folder = fmpy.extract(FMU)
+    is_third = description.fmiVersion.startswith("3")
+    by_name = {variable.name: variable for variable in description.modelVariables}
+    golden = read_golden()
+    signals = [name for name in golden.inputs if name != "dt"]
+    inputs = [by_name[name].valueReference for name in signals]
+    reals = [name for name in golden.outputs if by_name[f"out.{name}"].type not in {"Boolean"}]
+    booleans = [name for name in golden.outputs if name not in reals]
+    references = {name: by_name[f"out.{name}"].valueReference for name in golden.outputs}
+    answers: dict[str, list[float]] = {name: [] for name in golden.outputs}
+    kind: Any = FMU3Slave if is_third else FMU2Slave
+    fmu = kind(
+        guid=description.guid,
+        unzipDirectory=folder,
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="check",
+    )
+    try:
+        fmu.instantiate()
+        if is_third:
+            fmu.enterInitializationMode(startTime=golden.time[0])
+        else:
+            fmu.setupExperiment(startTime=golden.time[0])
+            fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        set_real, get_real = (fmu.setFloat64, fmu.getFloat64) if is_third else (fmu.setReal, fmu.getReal)
+        steps = [b - a for a, b in zip(golden.time, golden.time[1:], strict=False)]
+        for k, time in enumerate(golden.time):
+            set_real(inputs, [golden.inputs[name][k] for name in signals])
+            fmu.doStep(currentCommunicationPoint=time, communicationStepSize=steps[min(k, len(steps) - 1)])
+            for name, value in zip(reals, get_real([references[n] for n in reals]), strict=True):
+                answers[name].append(value)
+            for name, value in zip(booleans, fmu.getBoolean([references[n] for n in booleans]), strict=True):
+                answers[name].append(float(value))
+        fmu.terminate()
+    finally:
+        fmu.freeInstance()
+        shutil.rmtree(folder, ignore_errors=True)
+    return compare("replay", "stepped by FMPy", answers, golden.outputs)
+
+
+def simulation() -> Result:
+    """Run the FMU as any master does, `simulate_fmu`, where the recording is regular."""
+    import fmpy
+    import numpy as np
+
+    golden = read_golden()
+    time = np.asarray(golden.time)
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    if np.abs(np.diff(time) - step).max() > 1e-9:
+        return Result(
+            "simulation", "skipped", "the golden recording is irregular; simulate_fmu takes one step size"
+        )
+    names = [name for name in golden.inputs if name != "dt"]
+    signals = np.zeros(len(time), dtype=[("time", float), *((name, float) for name in names)])
+    signals["time"] = time
+    for name in names:
+        signals[name] = golden.inputs[name]
+    found: Any = fmpy.simulate_fmu(
+        FMU,
+        start_time=float(time[0]),
+        stop_time=float(time[-1]),
+        step_size=step,
+        output_interval=step,
+        input=signals,
+        output=[f"out.{FIRST}"],
+    )
+    recorded = golden.outputs[FIRST]
+    got = found[f"out.{FIRST}"][1:]
+    worst = float(np.max(np.abs(got - recorded[: len(got)])) / np.median(np.abs(recorded)))
+    state = "passed" if worst <= TOLERANCE and len(got) >= len(time) - 1 else "failed"
+    told = f"simulate_fmu, {len(got)} steps: {FIRST} {worst:.2g} off (its clock rounds), allowed {TOLERANCE:g}"
+    return Result("simulation", state, told, {"deviation": worst})
+
+
+def parameters() -> Result:
+    """See that every parameter is tunable, with the default of the manifest."""
+    import fmpy
+
+    variables: dict[str, Any] = {
+        v.name: v for v in fmpy.read_model_description(FMU).modelVariables if v.causality == "parameter"
+    }
+    wrong = [
+        row["name"]
+        for row in MANIFEST["parameters"]
+        if not isinstance(row["default"], list)
+        and (
+            float(variables[row["name"]].start) != row["default"]
+            or variables[row["name"]].variability != "tunable"
+        )
+    ]
+    told = f"{len(variables)} tunable, with the defaults of the manifest"
+    return Result("parameters", "failed" if wrong else "passed", ", ".join(wrong) or told)
+
+
+if __name__ == "__main__":
+    everything = [validation, parameters, replay, simulation]
+    run_checks([validation, replay] if "--quick" in sys.argv else everything, needs="fmpy")

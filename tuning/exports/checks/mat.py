@@ -1,0 +1,54 @@
+"""Loads the MAT file and compares it with the manifest and the golden recording."""
+
+import json
+import re
+from typing import Any
+
+from checking import HERE, Result, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
+
+MANIFEST = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))
+
+
+def load() -> Any:
+    """Return the file's contents as nested tables."""
+    from scipy import io
+
+    return io.loadmat(str(HERE / MANIFEST["files"][0]), simplify_cells=True)
+
+
+def find(tree: Any, name: str):
+    """Return what lies at a dotted name; an index is part of the field's name, and counts from one."""
+    for key in name.split("."):
+        tree = tree[re.sub(r"\[(\d+)\]", lambda match: f"_{int(match[1]) + 1}", key)]
+    return tree
+
+
+def parameters() -> Result:
+    """Compare every parameter with the manifest."""
+    import numpy as np
+
+    found = load()["parameters"]
+    wrong = [
+        row["name"]
+        for row in MANIFEST["parameters"]
+        if not np.array_equal(find(found, row["name"]), row["default"])
+    ]
+    told = f"{len(MANIFEST['parameters'])} equal to the manifest's, to the last bit"
+    return Result("parameters", "failed" if wrong else "passed", ", ".join(wrong) or told)
+
+
+def recording() -> Result:
+    """Compare the recording with golden.csv."""
+    import numpy as np
+
+    golden, found = read_golden(), load()["golden"]
+    recorded = {"time": golden.time, **{f"in.{k}": v for k, v in golden.inputs.items()}, **golden.outputs}
+    answers = {"time": found["time"], **{f"in.{k}": find(found["inputs"], k) for k in golden.inputs}}
+    answers |= {name: find(found["outputs"], name) for name in golden.outputs}
+    return compare(
+        "recording", "read back", {k: np.asarray(v, float).tolist() for k, v in answers.items()}, recorded
+    )
+
+
+if __name__ == "__main__":
+    run_checks([parameters, recording], needs="scipy")

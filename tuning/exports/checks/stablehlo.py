@@ -1,0 +1,72 @@
+"""Loads the functions in this process, which has jax and nothing of vsajax, and replays the golden recording.
+
+The recording was made in plain IEEE arithmetic; where a processor can fuse products and sums, XLA is told not to.
+"""
+
+import json
+import os
+import platform
+import sys
+from typing import Any
+
+from checking import HERE, Result, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
+
+if platform.machine().lower() in {"x86_64", "amd64"}:
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_max_isa=AVX"
+
+
+def load(name: str) -> Any:
+    """Return a function of the export."""
+    import jax
+    from jax import export
+
+    jax.config.update("jax_enable_x64", True)
+    return export.deserialize(bytearray((HERE / f"{name}.stablehlo").read_bytes())).call
+
+
+def given() -> Any:
+    """Return parameters and samples as arrays."""
+    import jax.numpy as jnp
+
+    values = json.loads((HERE / "parameters.json").read_text(encoding="utf-8"))
+    golden = read_golden()
+    return (
+        {name: jnp.asarray(value, float) for name, value in values.items()},
+        {name: jnp.asarray(column) for name, column in golden.inputs.items()},
+        golden,
+    )
+
+
+def step() -> Result:
+    """Run the step, sample after sample."""
+    import jax
+    import numpy as np
+
+    initialise, advance = load("init"), load("step")
+    parameters, samples, golden = given()
+
+    @jax.jit
+    def run(parameters: Any, samples: Any) -> Any:
+        def one(state: Any, sample: Any) -> tuple[Any, Any]:
+            return advance(parameters, state, sample)
+
+        state: Any = initialise(parameters, {name: values[0] for name, values in samples.items()})
+        return jax.lax.scan(one, state, samples)[1]
+
+    answers = {k: np.asarray(v, float).tolist() for k, v in run(parameters, samples).items()}
+    return compare("step", "init and step", answers, golden.outputs)
+
+
+def scan() -> Result:
+    """Run the batched scan over two lanes."""
+    import jax.numpy as jnp
+    import numpy as np
+
+    parameters, samples, golden = given()
+    answers: Any = load("scan")(parameters, {name: jnp.stack([v, v]) for name, v in samples.items()})
+    second = {name: np.asarray(values[1], float).tolist() for name, values in answers.items()}
+    return compare("scan", "two lanes", second, golden.outputs)
+
+
+if __name__ == "__main__":
+    run_checks([step] if "--quick" in sys.argv else [step, scan], needs="jax")

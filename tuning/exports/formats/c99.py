@@ -1,0 +1,62 @@
+"""C99: one header, one source, and the harness that replays the golden recording."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tuning.exports.artefact import Artefact, Subject
+from tuning.exports.c99.files import member, write
+from tuning.exports.c99.generate import generate
+from tuning.exports.layout import dotted
+from tuning.exports.program import Slot
+from tuning.exports.rendering import render
+
+_USAGE = """```c
+#include "{name}.h"
+
+{name} estimator;          /* no memory is allocated, nothing is global */
+{name}_params params;
+{name}_output answer;
+
+{name}_defaults(&params);
+{name}_init(&estimator, &params, &first);       /* the first sample: nothing is estimated yet */
+{name}_step(&estimator, &sample, &answer);      /* every sample, the first one (dt = 0) too */
+{name}_tune(&estimator, &params);               /* other parameters, the same state */
+```
+
+`-D{NAME}_SINGLE` compiles for single precision. Do not compile with `-ffast-math`. Without Python, `make check`,
+`make sanitize`, `make time`, `make cortex-m4` and `make cortex-m7` do what `check.py` does."""
+
+
+def write_c99(subject: Subject) -> Artefact:
+    """Return header, source, harness, a smallest program for a microcontroller, and a Makefile."""
+    program = subject.program
+    generated = generate(program)
+    source = write(program, generated, banner=subject.banner)
+    values: dict[str, Any] = {
+        "name": program.name,
+        "inputs": scalars(program.inputs),
+        "outputs": scalars(program.outputs),
+    }
+    files: dict[str, str | bytes] = {f"{source.name}.h": source.header, f"{source.name}.c": source.source}
+    files |= {name: render(name, **values) for name in ("harness.c", "cortex_m.c", "Makefile")}
+    counted = generated.operations
+    figures = {
+        "worst_case_operations": dict(counted.most_common()),
+        "worst_case_operations_total": sum(counted.values()),
+        "state_bytes": {"double": program.state_bytes, "single": program.state_bytes // 2},
+    }
+    usage = _USAGE.format(name=program.name, NAME=program.name.upper())
+    return Artefact(files, "c99", usage, figures)
+
+
+def scalars(slot: Slot) -> list[dict[str, Any]]:
+    """Return every number of a slot: its name, and where it lies in the struct."""
+    found = []
+    for path, leaf in slot.places:
+        for index in np.ndindex(*leaf.shape):
+            whole = (*path, *index)
+            found.append({"name": dotted(whole), "place": member(whole), "is_bool": leaf.kind == "bool"})
+    return found

@@ -1,0 +1,144 @@
+"""ROS 2: parameters of a node and of a ros2_control controller, and their declaration with types and bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, get_args, get_origin
+
+import yaml
+
+import vsajax
+from tuning.exports.artefact import Artefact, Subject
+from tuning.exports.c99.printing import decimal
+from tuning.exports.layout import told
+from tuning.exports.manifest import sample_time
+from tuning.exports.ranges import range_of
+from tuning.parts.base import Part
+
+_USAGE = """```sh
+ros2 run YOUR_PACKAGE YOUR_NODE --ros-args --params-file {name}_params.yaml
+```
+
+```cmake
+generate_parameter_library({name}_parameters {name}_parameters.yaml)
+```
+
+`{name}_controller.yaml` configures a ros2_control controller: replace `YOUR_PACKAGE/YourController` by your
+class, and the joint. `{name}_parameters.yaml` declares every parameter for generate_parameter_library: type,
+default, bounds, description; what shapes the program is read-only. Numbers always have a decimal point, so that
+every YAML reader takes them for numbers. The node itself is yours: the step is what `--to c99` writes."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One parameter of the configuration.
+
+    Args:
+        path: in the estimator's tables.
+        value: of the configuration.
+        declaration: for generate_parameter_library.
+    """
+
+    path: tuple[str, ...]
+    value: Any
+    declaration: dict[str, Any]
+
+
+def write_ros2(subject: Subject) -> Artefact:
+    """Return the YAML files."""
+    name = subject.program.name
+    entries = list(_entries(subject, subject.config.estimator, ()))
+    step = sample_time(subject)
+    parameters = _tree({entry.path: entry.value for entry in entries})
+    if step is not None:
+        parameters = {"sample_time": step, **parameters}
+    declarations = _tree({entry.path: entry.declaration for entry in entries})
+    if step is not None:
+        about = "Time between two samples [s]; what the estimator was made for."
+        declared = {"type": "double", "default_value": step, "description": about, "read_only": True}
+        declarations = {"sample_time": {**declared, "validation": {"gt<>": [0.0]}}, **declarations}
+    controller: dict[str, Any] = {"joint": "YOUR_JOINT", **parameters}
+    manager: dict[str, Any] = {name: {"type": "YOUR_PACKAGE/YourController"}}
+    if step is not None:
+        manager = {"update_rate": round(1.0 / step), **manager}
+    files: dict[str, str | bytes] = {
+        f"{name}_params.yaml": _yaml(subject, {name: {"ros__parameters": parameters}}),
+        f"{name}_controller.yaml": _yaml(
+            subject, {"controller_manager": {"ros__parameters": manager}, name: {"ros__parameters": controller}}
+        ),
+        f"{name}_parameters.yaml": _yaml(subject, {f"{name}_parameters": declarations}),
+    }
+    return Artefact(files, "ros2", _USAGE.format(name=name), {"ros2": {"parameters": parameters}})
+
+
+def _entries(subject: Subject, part: Part, path: tuple[str, ...]) -> Iterator[Entry]:
+    """Yield every value of a part, with its declaration."""
+    module, cls = part.target.split(".")
+    explained = told(getattr(getattr(vsajax, module), cls))
+    for name, field in type(part).model_fields.items():
+        value = getattr(part, name)
+        here = (*path, name)
+        if isinstance(value, Part):
+            yield from _entries(subject, value, here)
+        elif value is not None:
+            meaning, unit = explained.get(name, ("", ""))
+            about = f"{meaning} [{unit}]" if unit else meaning
+            yield Entry(here, value, _declaration(subject, part, here, value, field.annotation, about))
+
+
+def _declaration(
+    subject: Subject, part: Part, path: tuple[str, ...], value: Any, annotation: Any, about: str
+) -> dict[str, Any]:
+    is_tunable = isinstance(value, float) and path[-1] not in part.static
+    declared: dict[str, Any] = {"type": _type(value), "default_value": value, "description": about or path[-1]}
+    if not is_tunable:
+        declared["read_only"] = True
+    validation: dict[str, Any] = {}
+    choices = [one for option in (annotation, *get_args(annotation)) for one in _literals(option)]
+    if choices and isinstance(value, str):
+        validation["one_of<>"] = [choices]
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        limits = range_of(subject.config, path)
+        number = type(value)
+        if limits.low is not None:
+            validation["gt<>" if limits.is_low_open else "gt_eq<>"] = [number(limits.low)]
+        if limits.high is not None:
+            validation["lt<>" if limits.is_high_open else "lt_eq<>"] = [number(limits.high)]
+    return declared | ({"validation": validation} if validation else {})
+
+
+def _literals(annotation: Any) -> list[Any]:
+    return list(get_args(annotation)) if get_origin(annotation) is Literal else []
+
+
+def _type(value: Any) -> str:
+    if isinstance(value, list):
+        return "double_array"
+    return {bool: "bool", int: "int", float: "double", str: "string"}[type(value)]
+
+
+def _tree(values: dict[tuple[str, ...], Any]) -> dict[str, Any]:
+    root: dict[str, Any] = {}
+    for path, value in values.items():
+        table = root
+        for key in path[:-1]:
+            table = table.setdefault(key, {})
+        table[path[-1]] = value
+    return root
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes numbers that every reader takes for floating-point ones."""
+
+
+def _represent(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:float", decimal(value))
+
+
+_Dumper.add_representer(float, _represent)
+
+
+def _yaml(subject: Subject, tables: dict[str, Any]) -> str:
+    text = yaml.dump(tables, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+    return f"# {subject.program.title}\n# {subject.banner}\n{text}"

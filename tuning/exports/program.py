@@ -1,0 +1,107 @@
+"""The one description that every generated artefact is written from: a step, traced, with all its numbers named.
+
+`StepProgram` knows no estimator: whatever has `init` and `step` over pytrees (an estimator, a controller) becomes
+one. C, FMI, ROS 2, StableHLO and the pages that explain them are written from it, and from nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from tuning.exports.flatten import Flat, flatten
+from tuning.exports.layout import Leaf, Path, Record, describe, dotted, elements
+
+Places = list[tuple[Path, Leaf]]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Some arrays of a program: all its parameters, or its state, inputs or outputs.
+
+    Args:
+        layout: how they are laid out.
+        places: where each array lies in it, in jax' order.
+        tree: their pytree.
+    """
+
+    layout: Record
+    places: Places
+    tree: Any
+
+    @property
+    def names(self) -> list[str]:
+        """The arrays by name, e.g. ``fit.covariance[3]``, in jax' order."""
+        return [dotted(path) for path, _ in self.places]
+
+
+@dataclass(frozen=True)
+class StepProgram:
+    """A recursion that can leave the lab.
+
+    Args:
+        name: an identifier.
+        title: what it is, for people.
+        parameters: the tunable numbers; values are their defaults.
+        state: what is remembered.
+        inputs: of one sample.
+        outputs: of one sample.
+        init: (parameters, inputs) -> state, traced.
+        step: (parameters, state, inputs) -> (state, outputs), traced.
+    """
+
+    name: str
+    title: str
+    parameters: Slot
+    state: Slot
+    inputs: Slot
+    outputs: Slot
+    init: Flat
+    step: Flat
+
+    @property
+    def defaults(self) -> list[np.ndarray]:
+        """The parameters' values, in jax' order."""
+        return [np.asarray(value) for value in jax.tree.leaves(self.parameters.tree)]
+
+    @property
+    def state_bytes(self) -> int:
+        """Size of the state in double precision [byte]."""
+        return sum(8 * int(np.prod(leaf.shape)) for _, leaf in self.state.places)
+
+
+def trace(
+    name: str,
+    title: str,
+    module: Any,
+    inputs: Any,
+    init: Callable[[Any, Any], Any],
+    step: Callable[[Any, Any, Any], Any],
+) -> StepProgram:
+    """Return the program of a module.
+
+    Args:
+        name: an identifier.
+        title: what it is, for people.
+        module: a pytree whose array leaves are the parameters.
+        inputs: a sample, of any values.
+        init: (module, inputs) -> state.
+        step: (module, state, inputs) -> (state, outputs).
+
+    Raises:
+        Untraceable: a part of the step cannot leave Python.
+    """
+    start, first = jax.make_jaxpr(init, return_shape=True)(module, inputs)
+    whole, (_, answer) = jax.make_jaxpr(step, return_shape=True)(module, first, inputs)
+    slots = [_slot(tree) for tree in (module, first, inputs, answer)]
+    return StepProgram(name, title, *slots, init=flatten(start), step=flatten(whole))
+
+
+def _slot(tree: Any) -> Slot:
+    layout = describe(tree)
+    assert isinstance(layout, Record), "parameters, state, inputs and outputs are named"
+    return Slot(layout, elements(tree, layout), tree)
