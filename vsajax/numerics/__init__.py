@@ -2,6 +2,7 @@
 
 from vsajax.numerics.functions import damped_response, logistic, safe_divide, safe_sqrt, smooth_sign
 from vsajax.numerics.fusion import once
+from vsajax.numerics.linear import solve_definite
 from vsajax.numerics.rows import (
     Rows,
     combine_rows,
@@ -29,4 +30,5 @@ __all__ = [
     "scaled_symmetric_part",
     "sin",
     "smooth_sign",
+    "solve_definite",
 ]
