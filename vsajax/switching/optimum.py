@@ -1,19 +1,19 @@
 """The least energy at a given time, by the minimum principle: sections III–IV of Gasparri et al., corrected.
 
-One link without friction, ẋ₁ = x₂, ẋ₂ = −w² x₁ with w² = k/I. An extremal has k_max where λ₂x₁ > 0 and k_min where it
-is negative, (6), and backwards from its end it is determined by the end alone: costates are the cost's gradient
-there, and each interval is as long as the smaller of (9) and (10). Both are homogeneous, so that an extremal is
-the direction of its end and a size; that it starts in the direction of the given start is one equation.
+One link without friction, ẋ₁ = x₂, ẋ₂ = −w² x₁ with w² = k/I. An extremal has k_max where λ₂x₁ > 0 and k_min where
+it is negative, (6). Backwards from its end it is determined by the end alone: costates are the cost's gradient
+there, and each interval is as long as the smaller of (9) and (10). All is homogeneous, so that an extremal is the
+direction of its end and a size; that it starts in the direction of the given start is one equation.
 
-Corrections: (11) and (12) equal (9) and (10) modulo π/w only, and the rule (13)–(14) that chooses between them must
-be the smaller positive one; (16) and (18) change frequency with the interval they describe, which is done here by
-stepping back interval by interval. The paper's φ = ½x₁² + ½x₂² adds rad² and rad²/s²: what is optimal depends on
-the unit of time, and in SI it is nearly the kinetic energy alone. Say which cost you mean.
+Corrections: (11) and (12) equal (9) and (10) modulo π/w only, and the rule (13)–(14) that chooses between them
+must be the smaller positive one; (16) and (18) change frequency with the interval they describe, which is done
+here by stepping back interval by interval. The paper's φ = ½x₁² + ½x₂² adds rad² and rad²/s²: what is optimal
+depends on the unit of time, and in SI it is nearly the kinetic energy alone. Say which cost you mean.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -112,7 +112,7 @@ def extremal_to(end: Phase, time: Value, cost: EndCost, soft: Value, stiff: Valu
     costate = Phase(cost.position * end.position, cost.velocity * end.velocity)
     starts_stiff = costate.velocity * end.position > 0.0
 
-    def back(carry: tuple[Phase, Phase, Value, Bool[Array, ""]], _: Value) -> tuple[object, object]:
+    def back(carry: tuple[Phase, Phase, Value, Bool[Array, ""]], _: Value) -> tuple[Any, Any]:
         phase, costate, left, is_stiff = carry
         rate = jnp.where(is_stiff, stiff, soft)
         length = jnp.minimum(time_since_centre(phase, rate), time_since_turn(costate, rate))
@@ -140,8 +140,8 @@ def optimum(
 ) -> Optimum:
     """Return the extremal from `start` with the least cost after `time` [s].
 
-    Every direction of the end is tried, all brackets of one that starts in the right direction are bisected, and the
-    cheapest is taken: a necessary condition, searched globally.
+    Every direction of the end is tried, all brackets of one that starts in the right direction are bisected, and
+    the cheapest is taken: a necessary condition, searched globally.
 
     Args:
         start: x(0).
