@@ -11,7 +11,7 @@ import jax
 
 import vsajax
 from tuning.parts.base import Part
-from tuning.study import Config, Study
+from tuning.study import Config, DampingStudy, EstimationStudy
 
 
 def build(part: Any) -> Any:
@@ -23,7 +23,7 @@ def build(part: Any) -> Any:
     return make(**{key: build(value) for key, value in part.arguments().items()})
 
 
-def build_bench(study: Study) -> vsajax.Bench:
+def build_bench(study: EstimationStudy) -> vsajax.Bench:
     """Return the bench of a study."""
     return vsajax.Bench(
         **{name: build(getattr(study, name)) for name in ("joint", "excitation", "sensing", "estimator")},
@@ -32,17 +32,23 @@ def build_bench(study: Study) -> vsajax.Bench:
     )
 
 
+def build_loop(study: DampingStudy) -> vsajax.ControlLoop:
+    """Return the closed loop of a study."""
+    parts = ("plant", "impact", "controller", "scorer", "clock", "sensor", "observer", "start")
+    return vsajax.ControlLoop(**{name: build(getattr(study, name)) for name in parts})
+
+
 def build_estimator(config: Config) -> vsajax.estimators.AbstractEstimator:
     """Return the estimator of a study or of a configuration without a joint."""
     return build(config.estimator)
 
 
-def number(bench: vsajax.Bench, path: str) -> jax.Array:
+def number(bench: Any, path: str) -> jax.Array:
     """Return the leaf at a dotted path of the study."""
     return reduce(getattr, path.split("."), bench)
 
 
-def with_leaves(bench: vsajax.Bench, leaves: Mapping[str, jax.Array]) -> vsajax.Bench:
+def with_leaves[Model](bench: Model, leaves: Mapping[str, jax.Array]) -> Model:
     """Return the bench with leaves at dotted paths replaced."""
     if not leaves:
         return bench

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from tuning.problem import Problem, Scenario
+from tuning.control_problem import AnyProblem
+from tuning.problem import Scenario
 from tuning.space import Space, Vector
 
 Algorithm = Literal["levenberg-marquardt", "bfgs"]
@@ -49,7 +50,7 @@ class GradientTuner:
         max_steps: of the optimiser, per start.
     """
 
-    problem: Problem
+    problem: AnyProblem
     space: Space
     scenarios: Scenario
     algorithm: Algorithm = "levenberg-marquardt"

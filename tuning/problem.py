@@ -14,8 +14,8 @@ from jaxtyping import Array, Float, Key
 
 from tuning.build import build_bench, with_leaves
 from tuning.integration import check_substeps, choose_substeps, motion_of
-from tuning.study import Study, numeric_paths
-from vsajax import Bench, Scores, Truth, experiment, plants
+from tuning.study import EstimationStudy, Study, numeric_paths
+from vsajax import Bench, Scores, SwingScores, Truth, experiment, plants
 
 Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
         status: a `Status`.
     """
 
-    scores: Scores
+    scores: Scores | SwingScores
     status: Float[Array, "..."]
 
 
@@ -116,7 +116,7 @@ class Problem:
             to the joint, the excitation or an irregular clock, the motion is simulated once and shared.
     """
 
-    study: Study
+    study: EstimationStudy
     varied: tuple[str, ...] = ()
 
     @cached_property

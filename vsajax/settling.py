@@ -36,6 +36,11 @@ class SwingScores(NamedTuple):
     travel: Float[Array, "..."]
     diverged: Float[Array, "..."]
 
+    @property
+    def convergence_time(self) -> Float[Array, "..."]:
+        """Return the settling time: what other scores call it."""
+        return self.settling_time
+
 
 class Swept(NamedTuple):
     """What a `SwingScorer` looks at, at one instant.

@@ -15,7 +15,7 @@ from tuning.cli.options import JSON, QUIET, SETTINGS, STUDY, emit
 @JSON
 @QUIET
 def init(kind: str, file: Path | None, as_json: bool, quiet: bool) -> None:
-    """Write a commented study of KIND (serial, sea) that runs as it is, to FILE or KIND.toml."""
+    """Write a commented study of KIND (serial, sea, damping, …) that runs as it is, to FILE or KIND.toml."""
     from tuning.errors import input_error
     from tuning.resources import example_path
     from tuning.store import write_text

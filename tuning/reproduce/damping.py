@@ -377,8 +377,8 @@ def _findings() -> list[str]:
     fixed = control.StiffnessSwitch(SOFT, STIFF, control.FixedThresholds(0.0594, 0.743))
     cycle = _scores(link_loop(fixed, travel=TRAVEL, inertia=2 * INERTIA, duration=12.0, sample_time=1e-3))
     found.append(
-        f"fixed thresholds (0.0594 rad, 0.743 rad/s) at 2I end in a limit cycle of {float(cycle.residual):.3f} rad:"
-        " below the thresholds they are law (23) inverted"
+        f"fixed thresholds (0.0594 rad, 0.743 rad/s) at 2I end in a limit cycle of {float(cycle.residual):.3f} "
+        "rad: below the thresholds they are law (23) inverted"
     )
     found.append(
         "the paper's 25 % for the arm does not follow from its own numbers: joint 1 2.438 to 2.098 s is −13.9 %, "

@@ -174,7 +174,7 @@ def _draw_arm(folder: Path) -> list[Path]:
 
 def _draw_optimum(folder: Path) -> Path:
     """The law's cost over the optimum's against the end time, for three costs, without friction."""
-    times = np.linspace(0.03, 1.2, 79)
+    times = np.linspace(0.03, 1.2, 60)
     figure, axis = new_figure(7.0, 3.8)
     for (label, cost), colour in zip(paper.optimal_costs().items(), (OTHER, ESTIMATE, _GREEN), strict=True):
         ratios = [

@@ -23,7 +23,7 @@ from vsajax import rollout
 from vsajax.switching.oscillator import Oscillator, Phase
 
 Value = Float[Array, "..."]
-_BISECTIONS = 50
+_BISECTIONS = 40
 _JUST_NOW = 1e-9
 
 
@@ -135,8 +135,8 @@ def optimum(
     soft: Value,
     stiff: Value,
     *,
-    directions: int = 4096,
-    intervals: int = 24,
+    directions: int = 2048,
+    intervals: int = 16,
 ) -> Optimum:
     """Return the extremal from `start` with the least cost after `time` [s].
 
