@@ -10,6 +10,7 @@ and, for controllers that damp by stiffness, ``score = metric(simulate(plant, co
 from vsajax import (
     closed_loop,
     control,
+    estimated_loop,
     estimators,
     experiment,
     metrics,
@@ -47,6 +48,7 @@ __all__ = [
     "closed_loop",
     "control",
     "estimate",
+    "estimated_loop",
     "estimators",
     "experiment",
     "measure",

@@ -214,6 +214,8 @@ def law_cost(time: jax.Array, cost: switching.EndCost) -> jax.Array:
 
 def reproduce(folder: Path | None) -> Report:
     """Compute and judge every row; draw the figures into `folder` unless it is `None`."""
+    from tuning.reproduce import damping_estimation as estimation
+
     rows = [
         *_settling_rows(),
         *_motion_rows(),
@@ -221,12 +223,13 @@ def reproduce(folder: Path | None) -> Report:
         *_optimum_rows(),
         *_anticipation_rows(),
         *_arm_rows(),
+        *estimation.rows(),
     ]
     figures: list[Path] = []
     if folder is not None:
         from tuning.reproduce.damping_figures import draw
 
-        figures = draw(folder)
+        figures = [*draw(folder), estimation.draw(folder)]
     return Report(_TITLE, rows, figures, _findings())
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from tuning.figures import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, save
 from tuning.reproduce import damping as paper
-from vsajax import ControlLoop, control, plants
+from vsajax import ControlLoop, control, plants, switching
 from vsajax import sensing as se
 
 _GREEN, _PINK = "#009e73", "#cc79a7"
@@ -133,7 +133,7 @@ def _draw_thresholds(folder: Path) -> Path:
         "fixed thresholds of 0.0594 rad, 0.743 rad/s": control.FixedThresholds(0.0594, 0.743),
         f"conic, a = {a:.3g} s, c = {c:.3g} 1/s": control.Conic(a, c),
     }
-    figure, axes = new_figure(8.5, 5.6, 2, len(rules), sharex=True, sharey="row", height_ratios=(2, 1))
+    figure, axes = new_figure(9.5, 5.2, 2, len(rules), sharex=True, sharey="row", height_ratios=(2, 1))
     for column, (label, rule) in zip(axes.T, rules.items(), strict=True):
         controller = control.StiffnessSwitch(paper.SOFT, paper.STIFF, rule)
         motion = paper.motion_of(paper.link_loop(controller, travel=paper.TRAVEL))
@@ -145,7 +145,7 @@ def _draw_thresholds(folder: Path) -> Path:
         column[1].set(xlabel="time [s]", xlim=(0, 2.2))
     axes[0, 0].set_ylabel("position [rad]")
     axes[1, 0].set_ylabel("stiffness\n[N·m/rad]")
-    axes[1, 2].legend(fontsize=7, loc="upper right")
+    axes[1, 2].legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.suptitle("Fig. 6: an actuator that takes 0.1 s from end to end")
     return save(figure, folder / "fig6_anticipation.png")
 
@@ -175,17 +175,20 @@ def _draw_arm(folder: Path) -> list[Path]:
 def _draw_optimum(folder: Path) -> Path:
     """The law's cost over the optimum's against the end time, for three costs, without friction."""
     times = np.linspace(0.03, 1.2, 60)
-    figure, axis = new_figure(7.0, 3.8)
+    figure, axis = new_figure(8.0, 3.8)
     for (label, cost), colour in zip(paper.optimal_costs().items(), (OTHER, ESTIMATE, _GREEN), strict=True):
         ratios = [
             float(paper.law_cost(jnp.asarray(t), cost) / paper.best_end(jnp.asarray(t), cost).cost) for t in times
         ]
         axis.semilogy(times, ratios, color=colour, label=label)
-    for switch in paper.exact("law", impulse=paper.IMPULSE).switch_times[:12]:
+    free = switching.exact_motion(
+        paper.oscillator(0.0), jnp.asarray(paper.SOFT), jnp.asarray(paper.STIFF), impulse=paper.INERTIA
+    )
+    for switch in free.switch_times[:12]:
         axis.axvline(float(switch), color=QUIET, linewidth=0.6)
     axis.set(xlabel="end time T [s]", ylabel="cost of law (23) over the least", xlim=(0, 1.2))
-    axis.legend(title="cost at T")
-    figure.suptitle("Law (23) is an extremal, not the optimum (no friction; grey: its switches with friction)")
+    axis.legend(title="cost at T", loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+    figure.suptitle("Law (23) is an extremal, not the optimum (no friction; grey: its switches)")
     return save(figure, folder / "optimum.png")
 
 
@@ -207,7 +210,7 @@ def _draw_slew(folder: Path) -> Path:
         "smooth, β = 5": (smooth(5.0), _GREEN),
         "smooth, β = 1.3": (smooth(1.3), _PINK),
     }
-    figure, axis = new_figure(7.0, 4.0)
+    figure, axis = new_figure(8.0, 4.0)
     lanes = np.array([(j, paper.INERTIA, t) for t in travels for j in paper.IMPULSES])
     for label, (controller, colour) in curves.items():
         loop = paper.link_loop(controller, travel=0.1)
@@ -216,7 +219,7 @@ def _draw_slew(folder: Path) -> Path:
             travels, np.asarray(settled).reshape(len(travels), -1).mean(axis=1), "o-", color=colour, label=label
         )
     axis.set(xlabel="actuator's travel time, end to end [s]", ylabel="mean settling time [s]")
-    axis.legend()
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
     figure.suptitle("What a slow actuator costs, and what anticipation gives back (21 impulses)")
     return save(figure, folder / "slew.png")
 
