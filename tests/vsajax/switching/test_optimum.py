@@ -85,11 +85,9 @@ def test_intervals_are_9_and_10_and_not_11():
 @pytest.mark.parametrize("ends_at", ["centre", "peak"])
 def test_extremals_that_end_on_an_axis_are_the_printed_sequences(ends_at):
     # Sec. IV, with k counted backwards from T (E5): amplitudes grow by w_x/w_λ every two switches.
-    end = (
-        Phase(jnp.asarray(1e-12), jnp.ones(()))
-        if ends_at == "centre"
-        else Phase(jnp.ones(()), jnp.asarray(-1e-12))
-    )
+    # On its way to the axis: soft to the centre, stiff to the peak.
+    ends = {"centre": (-1e-12, 1.0), "peak": (1.0, 1e-12)}
+    end = Phase(*map(jnp.asarray, ends[ends_at]))
     quarters = [0.5 * np.pi / W_SOFT, 0.5 * np.pi / W_STIFF]
     if ends_at == "peak":
         quarters.reverse()
