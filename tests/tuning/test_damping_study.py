@@ -66,6 +66,7 @@ def test_simulate_writes_what_the_link_did(vsajax, tmp_path):
     assert load_study(tmp_path / "a.toml").kind == "damping"
 
 
+@pytest.mark.slow
 @pytest.mark.cli
 def test_gradient_tuning_finds_anticipation(vsajax, tmp_path):
     words = ("--set", "tune.starts=1", "--budget", "1", "--set", "tune.max_steps=6", "--seed", "1")
@@ -73,14 +74,14 @@ def test_gradient_tuning_finds_anticipation(vsajax, tmp_path):
     ended = vsajax("tune", DAMPING, "-o", tmp_path / "t", *sized, *words)
     assert (ended.code, ended.err) == (0, "")
     result = json.loads(ended.out)
-    assert result["held_out"]["high"] < result["before_on_held_out"]["low"]
+    assert result["held_out"]["mean"] < 0.97 * result["before_on_held_out"]["mean"]
     assert set(result["values"]) == {LEAD, SLOPE, "controller.sharpness"}
     tuned = load_study(tmp_path / "t" / "best.toml")
     assert numeric_paths(tuned)[LEAD] == pytest.approx(result["values"][LEAD])
 
 
 @pytest.mark.cli
-def test_sweep_montecarlo_compare_and_report_run_on_controllers(vsajax, tmp_path):
+def test_sweep_and_montecarlo_run_on_controllers(vsajax, tmp_path):
     swept = vsajax("sweep", DAMPING, "-o", tmp_path / "s", "--scenarios", "4", "--grid", f"{LEAD}=0,0.03", *FEW)
     assert (swept.code, swept.err) == (0, "")
     assert [row["configuration"] for row in json.loads(swept.out)["best"]] in ([0, 1], [1, 0])
@@ -90,6 +91,11 @@ def test_sweep_montecarlo_compare_and_report_run_on_controllers(vsajax, tmp_path
     assert summary["status"] == {"scored": 32}
     assert set(summary["quantiles"]) >= {"settling_time", "log_energy", "residual"}
     assert "msrep" not in summary["quantiles"]
+
+
+@pytest.mark.slow
+@pytest.mark.cli
+def test_compare_and_report_run_on_controllers(vsajax, tmp_path):
     tables = resolved(load_study(DAMPING)) | {"controller": {"type": "constant", "stiffness": 1.0}}
     (tmp_path / "stiff.toml").write_text(to_toml(tables | {"sweep": {}, "tune": {}}))
     ended = vsajax("compare", DAMPING, tmp_path / "stiff.toml", "-s", DAMPING, "-o", tmp_path / "c", *FEW)
@@ -97,6 +103,7 @@ def test_sweep_montecarlo_compare_and_report_run_on_controllers(vsajax, tmp_path
     first, second = json.loads(ended.out)["configs"]
     assert (first["scenarios"], second["scenarios"]) == (6, 6)
     assert second["difference"] == pytest.approx(second["mean"] - first["mean"])
+    assert vsajax("montecarlo", DAMPING, "-o", tmp_path / "m", "--scenarios", "32", *FEW).code == 0
     reported = vsajax("report", tmp_path / "m", "--json")
     assert (reported.code, reported.err) == (0, "")
 

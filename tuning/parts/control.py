@@ -64,6 +64,7 @@ class Impact(Part):
     target = "sensing.Impact"
     impulse: float = 0.0
     pulse: Pulse | None = None
+    shares: Annotated[list[float], Field(min_length=1, max_length=1)] | None = None
 
     @model_validator(mode="after")
     def _hits(self) -> Self:
