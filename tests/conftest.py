@@ -44,6 +44,14 @@ def reference(request: pytest.FixtureRequest) -> Signals:
     return _signals(request.getfixturevalue("shared") / "reference" / "serial.npz")
 
 
+@pytest.fixture(params=["golden", "shared"], scope="session")
+def swings(request: pytest.FixtureRequest) -> Signals:
+    """The damping reference, event-accurate in NumPy and SciPy: thinned, and all of it where `shared` is there."""
+    if request.param == "golden":
+        return _signals(TESTS / "golden" / "damping.npz")
+    return _signals(request.getfixturevalue("shared") / "reference" / "damping.npz")
+
+
 def _signals(path: Path) -> Signals:
     with np.load(path) as archive:
         return {name: archive[name] for name in archive.files}

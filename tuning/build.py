@@ -11,7 +11,7 @@ import jax
 
 import vsajax
 from tuning.parts.base import Part
-from tuning.study import Config, Study
+from tuning.study import Config, DampingStudy, EstimationStudy
 
 
 def build(part: Any) -> Any:
@@ -23,13 +23,19 @@ def build(part: Any) -> Any:
     return make(**{key: build(value) for key, value in part.arguments().items()})
 
 
-def build_bench(study: Study) -> vsajax.Bench:
+def build_bench(study: EstimationStudy) -> vsajax.Bench:
     """Return the bench of a study."""
     return vsajax.Bench(
         **{name: build(getattr(study, name)) for name in ("joint", "excitation", "sensing", "estimator")},
         scorer=build(study.scorer),
         clock=build(study.clock),
     )
+
+
+def build_loop(study: DampingStudy) -> vsajax.ControlLoop:
+    """Return the closed loop of a study."""
+    parts = ("plant", "impact", "controller", "scorer", "clock", "sensor", "observer", "start")
+    return vsajax.ControlLoop(**{name: build(getattr(study, name)) for name in parts})
 
 
 def build_estimator(config: Config) -> vsajax.estimators.AbstractEstimator:
@@ -42,7 +48,7 @@ def number(bench: Any, path: str) -> jax.Array:
     return reduce(getattr, path.split("."), bench)
 
 
-def with_leaves(bench: vsajax.Bench, leaves: Mapping[str, jax.Array]) -> vsajax.Bench:
+def with_leaves[Model](bench: Model, leaves: Mapping[str, jax.Array]) -> Model:
     """Return the bench with leaves at dotted paths replaced."""
     if not leaves:
         return bench

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
+from tuning.control_problem import problem_of
 from tuning.errors import InputError, Mistake
 from tuning.grid import Grid
 from tuning.judging import Judgement, judge, paired_interval
-from tuning.problem import Problem
 from tuning.progress import progress
 from tuning.store import open_run
-from tuning.study import Config, Study, parse_study, resolved, study_hash
+from tuning.study import Base, Study, parse_study, resolved, study_hash
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Contender:
     wins: float
 
 
-def contenders(configs: Mapping[str, Config], study: Study, place: str) -> dict[str, Study]:
+def contenders(configs: Mapping[str, Base], study: Study, place: str) -> dict[str, Study]:
     """Return the study once for each configuration's estimator.
 
     Raises:
@@ -52,8 +52,10 @@ def contenders(configs: Mapping[str, Config], study: Study, place: str) -> dict[
             fix = f"compare it on a study of kind {config.kind!r}"
             mistakes.append(Mistake(f"{name}: kind", f"got {config.kind!r}, but {place} is {study.kind!r}", fix))
             continue
+        tables = resolved(config)
+        own = {part: tables[part] for part in study.contested if part in tables}
         try:
-            studies[name] = parse_study(base | {"estimator": resolved(config)["estimator"]}, f"{name} on {place}")
+            studies[name] = parse_study(base | own, f"{name} on {place}")
         except InputError as error:
             mistakes += error.mistakes
     if mistakes:
@@ -85,7 +87,7 @@ def compare(
 
 def _score(name: str, study: Study) -> dict[str, np.ndarray]:
     count = study.scenarios.held_out
-    scores = Grid(Problem(study), {}, count, "held_out").evaluate(np.empty((1, 0)))
+    scores = Grid(problem_of(study), {}, count, "held_out").evaluate(np.empty((1, 0)))
     single = {key: value[0, 0] for key, value in scores.items()}
     return {"configuration": np.array([name] * count), "scenario": np.arange(count), **single}
 

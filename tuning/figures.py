@@ -15,6 +15,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator
 
+from tuning.judging import unit_of
 from tuning.logs import RecordingTable
 from tuning.single import Answer
 
@@ -35,7 +36,16 @@ mpl.rcParams.update(
         "savefig.dpi": 130,
     }
 )
-_OBJECTIVES = {"msrep": "MSREP [%]", "msrep_settled": "MSREP after the warm-up [%]"}
+SWING_UNITS = {
+    "settling_time": "settling time [s]",
+    "log_energy": "mean log-energy",
+    "decay_rate": "decay rate [1/s]",
+    "residual": "residual swing [rad]",
+    "peak": "largest swing [rad]",
+    "switches": "switches a second [1/s]",
+    "travel": "way of the stiffness [ranges/s]",
+}
+_OBJECTIVES = {"msrep": "MSREP [%]", "msrep_settled": "MSREP after the warm-up [%]"} | SWING_UNITS
 _LABELS = {
     "link_position": "link\nposition [rad]",
     "motor_position": "motor\nposition [rad]",
@@ -92,6 +102,24 @@ def draw_recording(columns: Mapping[str, np.ndarray], *, title: str) -> Figure:
     figure.align_ylabels()
     axes[-1, 0].set_xlabel("time [s]")
     figure.suptitle(f"Recording: {plain(title)}")
+    return figure
+
+
+def draw_swing(columns: Mapping[str, np.ndarray], *, title: str) -> Figure:
+    """Draw a closed loop over time: where the link and its motor are, and the stiffness."""
+    time = columns["time"]
+    figure, axes = new_figure(8, 4.6, 2, sharex=True, height_ratios=(2, 1))
+    axes[0].plot(time, columns["link_position"], color=TRUTH, label="link")
+    if np.ptp(columns["motor_position"]) > 0:
+        axes[0].plot(time, columns["motor_position"], color=OTHER, label="motor")
+    axes[1].plot(time, columns["commanded_stiffness"], color=QUIET, linewidth=1.0, label="commanded")
+    axes[1].plot(time, columns["true_stiffness"], color=ESTIMATE, label="of the spring")
+    for axis, label in zip(axes, ("position [rad]", "stiffness\n[N·m/rad]"), strict=True):
+        axis.set_ylabel(label)
+        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+    figure.align_ylabels()
+    axes[1].set_xlabel("time after the impact [s]")
+    figure.suptitle(f"Closed loop: {plain(title)}")
     return figure
 
 
@@ -235,6 +263,7 @@ def _draw_curve(
 
 def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
     """Draw how an objective is distributed over held-out scenarios, one curve a configuration."""
+    unit = unit_of(objective)
     figure, axis = new_figure(6.4, 3.8)
     colours = [OTHER, ESTIMATE, "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
     for i, (label, values) in enumerate(each.items()):
@@ -245,7 +274,11 @@ def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
             continue
         share = (np.arange(finite.size) + 1) / finite.size
         axis.step(
-            finite, 100 * share, where="post", color=colour, label=f"{plain(label)}: mean {finite.mean():.3g} %"
+            finite,
+            100 * share,
+            where="post",
+            color=colour,
+            label=f"{plain(label)}: mean {finite.mean():.3g}{unit}",
         )
         axis.axvline(finite.mean(), color=colour, linestyle=":", linewidth=1)
     axis.set_xscale("log")

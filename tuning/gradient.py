@@ -17,9 +17,10 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from tuning.problem import Given, Problem, Scenario
+from tuning.control_problem import AnyProblem
+from tuning.problem import Problem, Scenario
 from tuning.space import Space, Vector
-from vsajax import experiment, rollout, sensitivity
+from vsajax import experiment, rollout
 
 Algorithm = Literal["levenberg-marquardt", "bfgs"]
 LANES_PER_CHUNK = 128
@@ -58,7 +59,7 @@ class GradientTuner:
         max_steps: of the optimiser, per start.
     """
 
-    problem: Problem
+    problem: AnyProblem
     space: Space
     scenarios: Scenario
     algorithm: Algorithm = "levenberg-marquardt"
@@ -69,28 +70,24 @@ class GradientTuner:
         """What is recorded in every scenario; `None` where the tuned numbers change it."""
         if any(not path.startswith("estimator.") for path in self.space.paths):
             return None
+        problem = self.problem
+        assert isinstance(problem, Problem)
         observe = jax.jit(
-            lambda lanes, given: rollout.map_lanes(lambda s, g: self.problem.observe({}, s, g), lanes, given)
+            lambda lanes, given: rollout.map_lanes(lambda s, g: problem.observe({}, s, g), lanes, given)
         )
-        return observe(self.scenarios, self.problem.given)
+        return observe(self.scenarios, problem.given)
 
     @property
     def given(self) -> Any:
         """What `objective` and `residuals` are given, as arguments of one compiled program."""
         return (self.scenarios, self.observed), self.problem.given
 
-    def loop(self, z: Vector, lane: Lane, given: Given) -> sensitivity.Loop:
-        """Return the loop over a scenario's residuals."""
-        values, (scenario, observed) = self.space.constrain(z), lane
-        if observed is None:
-            observed = self.problem.observe(values, scenario, given)
-        return self.problem.residual_loop(values, scenario, given, observed)
-
     def normal_equations(self, z: Vector, given: Any) -> Float[Array, "q q"]:
         """Return MᵀM of M = [J r], r all scenarios' residuals whose squares sum to the objective [√%]."""
 
-        def of_one(lane: Lane, shared: tuple[Vector, Given]) -> Float[Array, "q q"]:
-            return sensitivity.normal_equations(lambda z: self.loop(z, lane, shared[1]), shared[0])
+        def of_one(lane: Lane, shared: tuple[Vector, Any]) -> Float[Array, "q q"]:
+            z, common = shared
+            return self.problem.normal_equations(self.space.constrain, z, lane[0], common, lane[1])
 
         lanes, common = given
         each = rollout.map_lanes(of_one, lanes, (z, common), chunk=LANES_PER_CHUNK)
@@ -101,8 +98,9 @@ class GradientTuner:
 
         @jax.custom_jvp
         def value(z: Vector, given: Any) -> Float[Array, ""]:
-            def of_one(lane: Lane, shared: tuple[Vector, Given]) -> Float[Array, ""]:
-                return sensitivity.sum_of_squares(self.loop(shared[0], lane, shared[1]))
+            def of_one(lane: Lane, shared: tuple[Vector, Any]) -> Float[Array, ""]:
+                z, common = shared
+                return self.problem.objective(self.space.constrain(z), lane[0], common, lane[1])
 
             lanes, common = given
             scores = rollout.map_lanes(of_one, lanes, (z, common), chunk=LANES_PER_CHUNK)

@@ -19,8 +19,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.problem import Problem, Scenario, Stream, draw_scenarios
-from vsajax import Scores, rollout
+from tuning.control_problem import AnyProblem
+from tuning.problem import Scenario, Stream, draw_scenarios
+from vsajax import rollout
 
 _TORQUE_ONLY = re.compile(
     r"estimator\.((side|other)\.)?torque\.|sensing\.(motor_torque|motor1_torque|motor2_torque|elastic_torque)\."
@@ -34,18 +35,18 @@ def is_torque_only(path: str) -> bool:
     return _TORQUE_ONLY.match(path) is not None
 
 
-def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
+def lane_program(problem: AnyProblem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
     """Return the jitted (lanes, given) -> scores `(lane, *inner axes, scenario)`.
 
     A lane is the values of the `outer` paths, a tuple of values of each of the `inner` paths, and its scenarios;
     inner paths, which must be torque-only, are nested inside it. `width` is the number of evaluations in a lane.
     """
 
-    def point(lane: tuple[jax.Array, tuple[jax.Array, ...], Scenario], given: Any) -> Scores:
+    def point(lane: tuple[jax.Array, tuple[jax.Array, ...], Scenario], given: Any) -> Any:
         values, inner_values, scenarios = lane
         fixed = {path: values[i] for i, path in enumerate(outer)}
 
-        def score(chosen: tuple[jax.Array, ...], scenario: Scenario) -> Scores:
+        def score(chosen: tuple[jax.Array, ...], scenario: Scenario) -> Any:
             return problem.scores(fixed | dict(zip(inner, chosen, strict=True)), scenario, given)
 
         run = jax.vmap(score, in_axes=(None, 0))
@@ -68,7 +69,7 @@ class Grid:
         stream: where they are drawn from.
     """
 
-    problem: Problem
+    problem: AnyProblem
     axes: Mapping[str, Sequence[float]]
     scenarios: int
     stream: Stream = "train"
@@ -173,7 +174,7 @@ class Grid:
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """Return each score at some outer points, `(point, inner point, scenario)`."""
-        scores: Scores = self.program(*self.arguments(points))
+        scores = self.program(*self.arguments(points))
         return {name: self.arrange(value) for name, value in scores._asdict().items()}
 
     def memory(self, points: int) -> int:

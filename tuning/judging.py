@@ -26,9 +26,9 @@ class Judgement:
         mean: of the objective over the scenarios.
         median: over the scenarios.
         q90: 90 % quantile.
-        msrep_mean: mean of the printed index.
-        settled_mean: mean of the same from the warm-up time on.
-        convergence_time: median over the scenarios [s].
+        msrep_mean: mean of the printed index; `None` where no estimate is judged.
+        settled_mean: mean of the same from the warm-up time on; `None` likewise.
+        convergence_time: median over the scenarios, of a control loop that of its settling time [s].
         diverged: scenarios in which an estimate was not finite; they are left out of the other numbers.
         scenarios: how many were run.
         each: the objective in every scenario [%].
@@ -41,8 +41,8 @@ class Judgement:
     mean: float
     median: float
     q90: float
-    msrep_mean: float
-    settled_mean: float
+    msrep_mean: float | None
+    settled_mean: float | None
     convergence_time: float
     diverged: int
     scenarios: int
@@ -50,7 +50,7 @@ class Judgement:
 
     def summary(self) -> dict[str, float | int]:
         """Return all but the single scenarios."""
-        return {name: value for name, value in asdict(self).items() if name != "each"}
+        return {name: value for name, value in asdict(self).items() if name != "each" and value is not None}
 
 
 def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgement:
@@ -60,6 +60,11 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
     kept = is_finite if is_finite.any() else ~is_finite
     values = scores[tune.objective][kept]
     low, high = interval(values, tune.statistic, seed=seed)
+    times = scores["convergence_time" if "convergence_time" in scores else "settling_time"]
+
+    def mean(name: str) -> float | None:
+        return float(np.mean(scores[name][kept])) if name in scores else None
+
     return Judgement(
         statistic=tune.statistic.label,
         value=float(tune.statistic.of(values)),
@@ -68,13 +73,18 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
         mean=float(np.mean(values)),
         median=float(np.median(values)),
         q90=float(np.quantile(values, 0.9)),
-        msrep_mean=float(np.mean(scores["msrep"][kept])),
-        settled_mean=float(np.mean(scores["msrep_settled"][kept])),
-        convergence_time=float(np.median(scores["convergence_time"][kept])),
+        msrep_mean=mean("msrep"),
+        settled_mean=mean("msrep_settled"),
+        convergence_time=float(np.median(times[kept])),
         diverged=int(np.sum(~is_finite)),
         scenarios=values.size + int(np.sum(~kept)),
         each=scores[tune.objective],
     )
+
+
+def unit_of(objective: str) -> str:
+    """Return the unit of an objective as it follows a number, with its space."""
+    return {"log_energy": "", "settling_time": " s"}.get(objective, " %")
 
 
 def interval(values: np.ndarray, statistic: Statistic, *, seed: int) -> tuple[float, float]:

@@ -20,8 +20,9 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
+from tuning.control_problem import AnyProblem, problem_of
 from tuning.executors import Executor, complete
-from tuning.problem import Outcome, Problem, Scenario, draw_scenarios, stream_key
+from tuning.problem import Outcome, Scenario, draw_scenarios, stream_key
 from tuning.robustness import Columns, Summary, quantile, summarise
 from tuning.store import RunStore, open_run, read_table
 from tuning.study import Study, numeric_paths
@@ -60,9 +61,9 @@ class MonteCarlo:
         return {"scenarios": self.scenarios, "rows": self.rows}
 
     @cached_property
-    def problem(self) -> Problem:
+    def problem(self) -> AnyProblem:
         """The study's problem."""
-        return Problem(self.study)
+        return problem_of(self.study)
 
     @property
     def factors(self) -> list[str]:

@@ -34,6 +34,13 @@ METRICS = (
     "known_time",
     "known_share",
     "near_zero_share",
+    "settling_time",
+    "log_energy",
+    "decay_rate",
+    "residual",
+    "peak",
+    "switches",
+    "travel",
 )
 
 

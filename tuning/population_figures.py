@@ -12,19 +12,24 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
-from tuning.figures import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, plain, save
+from tuning.figures import ESTIMATE, OTHER, QUIET, SWING_UNITS, TRUTH, new_figure, plain, save
 from tuning.problem import Status
 from tuning.robustness import Summary
 from tuning.study import Study
 
-_UNITS = {"msrep": "MSREP [%]", "msrep_settled": "MSREP after the warm-up [%]"}
+_UNITS = {"msrep": "MSREP [%]", "msrep_settled": "MSREP after the warm-up [%]"} | SWING_UNITS
 Rows = Mapping[str, np.ndarray]
+
+
+def time_of(objective: str) -> str:
+    """Return the score that says when a study with this objective has got there."""
+    return "settling_time" if objective in SWING_UNITS else "convergence_time"
 
 
 def draw_population(folder: Path, study: Study, summary: Summary) -> list[Path]:
     """Draw the pictures of a finished run into its folder."""
     objective, paths = study.tune.objective, study.population.paths
-    columns = ["status", objective, "convergence_time", *paths]
+    columns = list(dict.fromkeys(["status", objective, time_of(objective), *paths]))
     table = pq.read_table(folder / "results.parquet", columns=columns)
     counted = table["status"].to_numpy() == Status.OK
     rows = {name: table[name].to_numpy()[counted] for name in columns}
@@ -43,7 +48,7 @@ def draw_spread(rows: Rows, study: Study, summary: Summary, *, across: int = 2) 
     figure, axes = new_figure(*size, sharey=True)
     for axis, metric, label in (
         (axes[0], objective, _UNITS[objective]),
-        (axes[1], "convergence_time", "convergence time [s]"),
+        (axes[1], time_of(objective), "settling time [s]" if objective in SWING_UNITS else "convergence time [s]"),
     ):
         values = np.sort(rows[metric][~np.isnan(rows[metric])])
         share = 100 * (np.arange(values.size) + 1) / max(values.size, 1)

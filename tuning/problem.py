@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -14,11 +14,12 @@ from jaxtyping import Array, Float, Key
 
 from tuning.build import build_bench, with_leaves
 from tuning.integration import check_substeps, choose_substeps, motion_of
-from tuning.study import Study, numeric_paths
-from vsajax import Bench, Recording, Scores, Truth, experiment, plants, sensitivity
+from tuning.study import EstimationStudy, Study, numeric_paths
+from vsajax import Bench, Recording, Scores, SwingScores, Truth, experiment, plants, sensitivity
 
 Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
+Vector = Float[Array, " p"]
 
 _STREAMS: dict[Stream, int] = {"train": 0, "held_out": 1, "population": 2, "sensitivity": 3}
 _CLOCK, _NOISE = 0, 1
@@ -69,7 +70,7 @@ class Outcome(NamedTuple):
         status: a `Status`.
     """
 
-    scores: Scores
+    scores: Scores | SwingScores
     status: Float[Array, "..."]
 
 
@@ -116,7 +117,7 @@ class Problem:
             to the joint, the excitation or an irregular clock, the motion is simulated once and shared.
     """
 
-    study: Study
+    study: EstimationStudy
     varied: tuple[str, ...] = ()
 
     @cached_property
@@ -210,8 +211,37 @@ class Problem:
         return experiment.observe(recording, truth.motion.stiffness, scorer=bench.scorer, settled=settled)
 
     def residual_loop(
-        self, values: Values, scenario: Scenario, given: Given, observed: experiment.Observed
+        self, values: Values, scenario: Scenario, given: Given, observed: experiment.Observed | None
     ) -> sensitivity.Loop:
-        """Return the loop whose residuals' squares sum to the scenario's objective [%] at `values`."""
+        """Return the loop whose residuals' squares sum to the scenario's objective [%].
+
+        Args:
+            values: numbers by path.
+            scenario: one scenario.
+            given: the study's own numbers.
+            observed: what `observe` returns, where `values` do not change it, or `None`.
+        """
         bench = with_leaves(given.bench, {**scenario.numbers, **values})
-        return experiment.residual_loop(bench.estimator, observed, scorer=bench.scorer)
+        seen = self.observe(values, scenario, given) if observed is None else observed
+        return experiment.residual_loop(bench.estimator, seen, scorer=bench.scorer)
+
+    def objective(
+        self, values: Values, scenario: Scenario, given: Given, observed: experiment.Observed | None
+    ) -> Float[Array, ""]:
+        """Return the scenario's objective [%], see `residual_loop`."""
+        return sensitivity.sum_of_squares(self.residual_loop(values, scenario, given, observed))
+
+    def normal_equations(
+        self,
+        values_at: Callable[[Vector], Values],
+        z: Vector,
+        scenario: Scenario,
+        given: Given,
+        observed: experiment.Observed | None,
+    ) -> Float[Array, "q q"]:
+        """Return MᵀM of M = [J r], the residuals r and their derivatives J = ∂r/∂z at `values_at(z)`."""
+
+        def loop_at(z: Vector) -> sensitivity.Loop:
+            return self.residual_loop(values_at(z), scenario, given, observed)
+
+        return sensitivity.normal_equations(loop_at, z)

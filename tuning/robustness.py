@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from tuning.judging import unit_of
 from tuning.population import METRICS, Population, parse_failure
 from tuning.problem import Status
 from tuning.store import write_text
@@ -167,7 +168,9 @@ def summarise(
     counted = status == Status.OK
     kept = {name: values[counted] for name, values in columns.items()}
     counts = Counter(Status(int(code)).reason for code in status)
-    quantiles = {m: {level: quantile(kept[m][~np.isnan(kept[m])], level) for level in LEVELS} for m in METRICS}
+    quantiles = {
+        m: {level: quantile(kept[m][~np.isnan(kept[m])], level) for level in LEVELS} for m in METRICS if m in kept
+    }
     failures = {name: probability(has_failed(columns, name, text)) for name, text in population.failures.items()}
     influences, unexplained = ({}, 0) if design is None else sobol_influences(design, factors, objective)
     # Scenarios without scores are the worst of all.
@@ -199,11 +202,11 @@ def _correlation(numbers: np.ndarray, scores: np.ndarray) -> Interval:
 
 
 def _sentences(summary: Summary, population: Population, objective: str) -> list[str]:
-    found = []
+    found, unit = [], unit_of(objective)
     median, high = (summary.quantiles[objective][level] for level in (0.5, 0.95))
     found.append(
-        f"half of the robots stay below {objective} {median.value:.4g} % [{median.low:.4g}, {median.high:.4g}], "
-        f"95 % of them below {high.value:.4g} % [{high.low:.4g}, {high.high:.4g}]"
+        f"half of the robots stay below {objective} {median.value:.4g}{unit} [{median.low:.4g}, "
+        f"{median.high:.4g}], 95 % of them below {high.value:.4g}{unit} [{high.low:.4g}, {high.high:.4g}]"
     )
     found += [
         f"{name} ({population.failures[name]}): {100 * p.value:.3g} % fail [{100 * p.low:.3g}, {100 * p.high:.3g}]"

@@ -12,11 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from tuning.build import build, build_estimator
+from tuning.control_problem import ControlProblem, problem_of
 from tuning.errors import input_error
 from tuning.log_analysis import Analysis, analyse, clock_facts, leaves_floor
 from tuning.logs import RecordingTable
 from tuning.problem import Problem, Stream, draw_scenarios
-from tuning.study import Config, Study, with_numbers
+from tuning.study import Config, EstimationStudy, Study, with_numbers
 from vsajax import Estimate, Recording, experiment
 from vsajax.estimators import AbstractEstimator, AntagonisticPair, StiffnessEstimator
 
@@ -36,7 +37,7 @@ def replay_stream(study: Study) -> Stream:
     return "population" if study.population.paths else "train"
 
 
-def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
+def simulate_recording(study: EstimationStudy, scenario: int) -> tuple[dict[str, np.ndarray], int]:
     """Return the columns of a simulated recording with its truth, and the integration steps a sample.
 
     Args:
@@ -60,6 +61,34 @@ def simulate_recording(study: Study, scenario: int) -> tuple[dict[str, np.ndarra
             "joint", "the simulated motion is not finite", "check its springs, inertias and excitation"
         )
     return columns, problem.substeps
+
+
+def simulate_swing(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
+    """Return the columns of a simulated closed loop, and the integration steps a sample.
+
+    Args:
+        study: what is simulated.
+        scenario: number of the robot in the population, or of the noise draw in the training stream.
+
+    Raises:
+        InputError: the motion is not finite.
+    """
+    problem = problem_of(study)
+    assert isinstance(problem, ControlProblem)
+    drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
+    motion = problem.motion(drawn, problem.given)
+    columns = {
+        "time": motion.time,
+        "link_position": motion.positions[0],
+        "link_velocity": motion.velocities[0],
+        "motor_position": motion.motor_positions[0],
+        "true_stiffness": motion.stiffness[0],
+        "commanded_stiffness": motion.commanded[0],
+    }
+    found = {name: np.asarray(values) for name, values in columns.items()}
+    if not all(np.isfinite(values).all() for values in found.values()):
+        raise input_error("controller", "the simulated motion is not finite", "check its gains, or set `substeps`")
+    return found, problem.substeps
 
 
 @dataclass(frozen=True)

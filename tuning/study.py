@@ -13,15 +13,16 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import tomlkit
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tuning.axes import Axis, Bounds, parse_axis
 from tuning.errors import InputError, Mistake, input_error
 from tuning.parts.base import AtLeastOne, Part, Positive
 from tuning.parts.bench import Clock, Excitation, Scorer, Sensing
+from tuning.parts.control import Controller, FeedbackSensor, Impact, SwingObserver, SwingScorer, SwitchedPlant
 from tuning.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
 from tuning.population import Population
@@ -33,15 +34,20 @@ from tuning.structures import Chosen, blame, check_choices, combinations, settin
 SCHEMA_VERSION = 1
 
 
-class Config(Table):
-    """An estimator and how to score it: all that a recording needs."""
+class Base(Table):
+    """What every file says of itself."""
 
     schema_version: Literal[1]
     kind: str
     name: str = "unnamed"
+    provenance: dict[str, Any] = Field(default_factory=dict)
+
+
+class Config(Base):
+    """An estimator and how to score it: all that a recording needs."""
+
     estimator: Estimator
     scorer: Scorer = Scorer()
-    provenance: dict[str, Any] = Field(default_factory=dict)
 
 
 class Scenarios(Table):
@@ -69,7 +75,7 @@ class Tune(Table):
     What is no number is chosen: `choices` has a table of settings by dotted path for every option of a choice.
     """
 
-    objective: Literal["msrep", "msrep_settled"] = "msrep"
+    objective: Literal["msrep", "msrep_settled", "log_energy", "settling_time"] = "msrep"
     statistic: Statistic = Statistic()
     starts: AtLeastOne = 4
     screen: Annotated[int, Field(ge=0)] = 64
@@ -78,34 +84,65 @@ class Tune(Table):
     choices: dict[str, dict[str, dict[str, Any]]] = Field(default_factory=dict)
 
 
-class Study(Config):
-    """Everything that the lab does with one kind of joint."""
+class Study(Base):
+    """Everything that the lab does with one kind of bench.
 
+    `contested` are the tables of what is tuned and compared; `objectives` the scores that may be minimised.
+    """
+
+    contested: ClassVar[tuple[str, ...]] = ("estimator",)
+    objectives: ClassVar[tuple[str, ...]] = ("msrep", "msrep_settled")
     seed: Annotated[int, Field(ge=0)] = 0
-    excitation: Excitation = Excitation()
-    sensing: Sensing
     clock: Clock
-    integration_tolerance: Positive = 1e-7
-    substeps: AtLeastOne | None = None
     population: Population = Population()
     scenarios: Scenarios = Scenarios()
     sweep: Sweep = Sweep()
     tune: Tune = Tune()
 
 
-class SerialStudy(Study):
+class EstimationStudy(Study, Config):
+    """A study of an estimator on a joint that is driven."""
+
+    excitation: Excitation = Excitation()
+    sensing: Sensing
+    integration_tolerance: Positive = 1e-7
+    substeps: AtLeastOne | None = None
+
+
+class DampingStudy(Study):
+    """A study of a controller that brings a link to rest by its stiffness or its motor."""
+
+    contested: ClassVar[tuple[str, ...]] = ("controller", "observer")
+    objectives: ClassVar[tuple[str, ...]] = ("log_energy", "settling_time")
+    plant: SwitchedPlant
+    impact: Impact
+    controller: Controller
+    sensor: FeedbackSensor | None = None
+    observer: SwingObserver = SwingObserver()
+    scorer: SwingScorer = SwingScorer()
+    start: Positive | None = None
+    substeps: AtLeastOne = 1
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_objective(cls, data: dict[str, Any]) -> dict[str, Any]:
+        tune = data.get("tune", {})
+        return data | {"tune": {"objective": cls.objectives[0]} | tune} if isinstance(tune, dict) else data
+
+
+class SerialStudy(EstimationStudy):
     """A study of a serial adjustable-stiffness joint."""
 
     joint: SerialJoint
 
 
-class SeaStudy(Study):
+class SeaStudy(EstimationStudy):
     """A study of a series-elastic actuator: one motor, one spring."""
 
     joint: FlexibleJoint
 
 
-class AntagonisticStudy(Study):
+class AntagonisticStudy(EstimationStudy):
     """A study of an agonist-antagonist joint: two motors, two springs, an estimator a side."""
 
     joint: AntagonisticJoint
@@ -115,8 +152,14 @@ _STUDIES: dict[str, type[Study]] = {
     "serial": SerialStudy,
     "sea": SeaStudy,
     "antagonistic": AntagonisticStudy,
+    "damping": DampingStudy,
 }
-_ONLY_IN_STUDIES = {"joint", *Study.model_fields} - set(Config.model_fields)
+_BENCH = (
+    *("joint", "excitation", "sensing", "estimator", "scorer", "clock"),
+    *("plant", "impact", "controller", "sensor", "observer", "start"),
+)
+"""The tables that describe what is simulated and judged, whose numbers can be varied."""
+_ONLY_IN_STUDIES = {"joint", *EstimationStudy.model_fields, *DampingStudy.model_fields} - set(Config.model_fields)
 
 
 def load_study(path: Path, settings: Sequence[str] = ()) -> Study:
@@ -128,7 +171,17 @@ def load_study(path: Path, settings: Sequence[str] = ()) -> Study:
     return parse_study(with_settings(read_toml(path), settings), str(path))
 
 
-def load_config(path: Path, settings: Sequence[str] = ()) -> Config:
+def load_estimation(path: Path, settings: Sequence[str] = ()) -> EstimationStudy:
+    """Return the study of an estimator in a TOML file; as `load_study`, and any other kind is refused."""
+    study = load_study(path, settings)
+    if not isinstance(study, EstimationStudy):
+        raise input_error(
+            f"{path}: kind", f"got {study.kind!r}, which estimates nothing", "name an estimator's study"
+        )
+    return study
+
+
+def load_config(path: Path, settings: Sequence[str] = ()) -> Study | Config:
     """Return the study, or the estimator alone, in a TOML file.
 
     Raises:
@@ -156,12 +209,12 @@ def _check_kind(data: Mapping[str, Any], place: str) -> str:
     return kind
 
 
-def resolved(config: Config) -> dict[str, Any]:
+def resolved(config: Base) -> dict[str, Any]:
     """Return every table of a configuration, defaults written out, absent features left out."""
     return config.model_dump(exclude_none=True)
 
 
-def study_hash(config: Config) -> str:
+def study_hash(config: Base) -> str:
     """Return a hash of all that determines a study's results; its name and provenance do not."""
     tables = {k: v for k, v in resolved(config).items() if k not in {"name", "provenance"}}
     return hashlib.sha256(json.dumps(tables, sort_keys=True).encode()).hexdigest()[:16]
@@ -172,7 +225,7 @@ def to_toml(tables: Mapping[str, Any]) -> str:
     return tomlkit.dumps(tables)
 
 
-def numeric_paths(config: Config) -> dict[str, float]:
+def numeric_paths(config: Base) -> dict[str, float]:
     """Return every number of the bench by its dotted path: what can be varied, swept and tuned."""
     found: dict[str, float] = {}
 
@@ -184,12 +237,12 @@ def numeric_paths(config: Config) -> dict[str, float]:
         elif isinstance(value, float):
             found[prefix] = value
 
-    for part in ("joint", "excitation", "sensing", "estimator", "scorer", "clock"):
+    for part in _BENCH:
         walk(part, getattr(config, part, None))
     return found
 
 
-def with_numbers(config: Config, values: Mapping[str, float], place: str) -> Study:
+def with_numbers(config: Base, values: Mapping[str, float], place: str) -> Study:
     """Return the study with numbers replaced, validated anew."""
     tables = resolved(config)
     for path, value in values.items():
@@ -245,20 +298,14 @@ def with_grid(study: Study, grids: Sequence[str], scenarios: int | None) -> Stud
 
 def _check_together(study: Study, place: str) -> None:
     """Check what no single table can: signals that are needed but not measured, paths, ranges."""
-    mistakes = [
-        Mistake(
-            f"{place}: sensing.{name}",
-            "is missing, but the estimator needs this signal",
-            f"add a [sensing.{name}] table, or choose another torque, deflection or basis",
-        )
-        for name in sorted(study.estimator.needs)
-        if getattr(study.sensing, name) is None
-    ]
-    mistakes += check_pairing(study, place)
-    mistakes += _check_windows(study, place)
-    if study.tune.objective == "msrep_settled" and study.scorer.warm_up >= study.clock.duration:
-        problem = f"got {study.scorer.warm_up} s; no sample of {study.clock.duration} s is left for tune.objective"
-        mistakes.append(Mistake(f"{place}: scorer.warm_up", problem, "record for longer, or warm up for less"))
+    mistakes = _check_estimation(study, place) if isinstance(study, EstimationStudy) else []
+    if study.tune.objective not in study.objectives:
+        problem = f"got {study.tune.objective!r}, which a study of kind {study.kind!r} does not score"
+        fix = f"allowed: {', '.join(study.objectives)}"
+        mistakes.append(Mistake(f"{place}: tune.objective", problem, fix))
+    if isinstance(study, DampingStudy) and study.clock.jitter_std is not None:
+        fix = "remove it: a controller's clock is regular"
+        mistakes.append(Mistake(f"{place}: clock.jitter_std", f"got {study.clock.jitter_std}", fix))
     numbers = numeric_paths(study)
     # Where structures are chosen, a parameter need only exist in one of them, which is checked there.
     tuned = {} if study.tune.choices else study.tune.parameters
@@ -273,6 +320,25 @@ def _check_together(study: Study, place: str) -> None:
     mistakes += _check_population(study, place, numbers)
     if mistakes:
         raise InputError(*mistakes)
+
+
+def _check_estimation(study: EstimationStudy, place: str) -> list[Mistake]:
+    """Check an estimator against its joint, its sensors and its clock."""
+    mistakes = [
+        Mistake(
+            f"{place}: sensing.{name}",
+            "is missing, but the estimator needs this signal",
+            f"add a [sensing.{name}] table, or choose another torque, deflection or basis",
+        )
+        for name in sorted(study.estimator.needs)
+        if getattr(study.sensing, name) is None
+    ]
+    mistakes += check_pairing(study, place)
+    mistakes += _check_windows(study, place)
+    if study.tune.objective == "msrep_settled" and study.scorer.warm_up >= study.clock.duration:
+        problem = f"got {study.scorer.warm_up} s; no sample of {study.clock.duration} s is left for tune.objective"
+        mistakes.append(Mistake(f"{place}: scorer.warm_up", problem, "record for longer, or warm up for less"))
+    return mistakes
 
 
 def _check_structures(study: Study, place: str) -> list[Mistake]:
@@ -322,7 +388,7 @@ def check_pairing(config: Config, place: str) -> list[Mistake]:
     return [Mistake(f"{place}: estimator.type", f"got {got!r}, which does not fit kind {config.kind!r}", fix)]
 
 
-def _check_windows(study: Study, place: str) -> list[Mistake]:
+def _check_windows(study: EstimationStudy, place: str) -> list[Mistake]:
     """Check the moving windows of algebraic observers against the clock and the ranges they are varied over."""
     mistakes = []
     varied = study.sweep.grid.keys() | study.tune.parameters.keys()

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from tuning.control_problem import problem_of
 from tuning.errors import input_error
 from tuning.executors import Executor, Inline, complete
 from tuning.grid import Grid
-from tuning.problem import Problem
 from tuning.store import RunStore, open_run, read_table
 from tuning.study import Study
 
@@ -75,7 +75,7 @@ class GridSweep:
     @cached_property
     def grid(self) -> Grid:
         """The grid on the study's training stream."""
-        return Grid(Problem(self.study, tuple(self.axes)), self.axes, self.scenarios)
+        return Grid(problem_of(self.study, tuple(self.axes)), self.axes, self.scenarios)
 
     @cached_property
     def points_per_chunk(self) -> int:

@@ -17,15 +17,16 @@ import numpy as np
 import pyarrow.parquet as pq
 from scipy import stats
 
+from tuning.control_problem import AnyProblem, problem_of
 from tuning.errors import InputError, input_error
 from tuning.gradient import Algorithm, GradientTuner, Outcome
 from tuning.grid import Grid, lane_program
 from tuning.judging import Judgement, judge
-from tuning.problem import Problem, Scenario, Stream, draw_scenarios
+from tuning.problem import Scenario, Stream, draw_scenarios
 from tuning.progress import progress
 from tuning.space import Space
 from tuning.store import open_run, versions, write_text
-from tuning.study import Study, numeric_paths, resolved, study_hash, to_toml, with_numbers
+from tuning.study import DampingStudy, Study, numeric_paths, resolved, study_hash, to_toml, with_numbers
 from vsajax import Scores
 
 Method = Literal["gradient", "grid", "hybrid", "tpe", "cmaes", "pareto"]
@@ -76,9 +77,9 @@ class Search:
         return Space.of(self.study.tune.parameters)
 
     @cached_property
-    def problem(self) -> Problem:
+    def problem(self) -> AnyProblem:
         """The study's problem."""
-        return Problem(self.study, self.paths)
+        return problem_of(self.study, self.paths)
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -133,7 +134,7 @@ class Search:
 
     def judge(self, values: Mapping[str, float], stream: Stream, count: int) -> Judgement:
         """Score numbers on scenarios of a stream."""
-        problem = Problem(with_numbers(self.study, values, "tuned study"))
+        problem = problem_of(with_numbers(self.study, values, "tuned study"))
         scores = Grid(problem, {}, count, stream).evaluate(np.empty((1, 0)))
         single = {name: score[0, 0] for name, score in scores.items()}
         return judge(single, self.study.tune, seed=self.study.seed)
@@ -204,7 +205,19 @@ def plan_search(study: Study, method: Method, algorithm: Algorithm, place: str) 
         )
     if not study.tune.parameters:
         raise nothing_to_tune(place)
+    if method != "grid" and isinstance(study, DampingStudy):
+        _check_derivatives(study, method, place)
     return Search(study, method, algorithm)
+
+
+def _check_derivatives(study: DampingStudy, method: Method, place: str) -> None:
+    fix = "use --method grid, tpe or cmaes"
+    if study.tune.objective != "log_energy":
+        problem = f"got {study.tune.objective!r}, a staircase, for --method {method}"
+        raise input_error(f"{place}: tune.objective", problem, f'set it to "log_energy", or {fix}')
+    if study.controller.type == "switch":
+        problem = f"got 'switch', whose score jumps, for --method {method}"
+        raise input_error(f"{place}: controller.type", problem, f'set it to "smooth", or {fix}')
 
 
 def nothing_to_tune(place: str) -> InputError:

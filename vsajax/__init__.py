@@ -3,17 +3,37 @@
 Everything is one function and what JAX does to it::
 
     score = metric(truth, estimate(estimator, measure(sensors, simulate(joint, excitation))))
+
+and, for controllers that damp by stiffness, ``score = metric(simulate(plant, controller, impact))``.
 """
 
-from vsajax import estimators, experiment, metrics, numerics, plants, rollout, sensing, sensitivity
+from vsajax import (
+    closed_loop,
+    control,
+    estimated_loop,
+    estimators,
+    experiment,
+    metrics,
+    numerics,
+    plants,
+    rollout,
+    sensing,
+    sensitivity,
+    settling,
+    switching,
+)
+from vsajax.closed_loop import ControlLoop, SwingMotion
 from vsajax.experiment import Bench, Truth, estimate, measure, score, simulate
 from vsajax.metrics import Scorer, Scores
-from vsajax.types import Estimate, MissingSignalError, PrecisionError, Recording, Sample
+from vsajax.settling import SwingScorer, SwingScores
+from vsajax.types import Command, Estimate, MissingSignalError, PrecisionError, Recording, Sample, Swing
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Bench",
+    "Command",
+    "ControlLoop",
     "Estimate",
     "MissingSignalError",
     "PrecisionError",
@@ -21,8 +41,15 @@ __all__ = [
     "Sample",
     "Scorer",
     "Scores",
+    "Swing",
+    "SwingMotion",
+    "SwingScorer",
+    "SwingScores",
     "Truth",
+    "closed_loop",
+    "control",
     "estimate",
+    "estimated_loop",
     "estimators",
     "experiment",
     "measure",
@@ -33,5 +60,7 @@ __all__ = [
     "score",
     "sensing",
     "sensitivity",
+    "settling",
     "simulate",
+    "switching",
 ]

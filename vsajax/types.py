@@ -159,3 +159,38 @@ class Estimate(NamedTuple):
     known: Bool[Array, "..."]
     signals: Signals
     sides: tuple[Estimate, ...] = ()
+
+
+class Swing(NamedTuple):
+    """How a joint moves about its rest, as a controller sees it at one instant.
+
+    Args:
+        dt: time since the previous instant [s]; 0 for the first.
+        position: of the link, q, 0 where it should come to rest [rad].
+        velocity: of the link [rad/s].
+        acceleration: of the link [rad/s²].
+        motor_position: θ, to which the spring pulls the link [rad].
+    """
+
+    dt: Float[Array, "..."]
+    position: Float[Array, "..."]
+    velocity: Float[Array, "..."]
+    acceleration: Float[Array, "..."]
+    motor_position: Float[Array, "..."]
+
+    @property
+    def deflection(self) -> Float[Array, "..."]:
+        """Of the spring, q − θ [rad]."""
+        return self.position - self.motor_position
+
+
+class Command(NamedTuple):
+    """What a controller asks of a joint's actuators.
+
+    Args:
+        stiffness: [N·m/rad].
+        motor_position: θ [rad].
+    """
+
+    stiffness: Float[Array, "..."]
+    motor_position: Float[Array, "..."]

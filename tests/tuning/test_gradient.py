@@ -50,7 +50,8 @@ def test_the_gradient_matches_central_differences(awas):
 def all_residuals(tuner: GradientTuner, z: jax.Array) -> jax.Array:
     """Return every residual of every scenario, `(scenario, time)`."""
     lanes, common = tuner.given
-    return jax.vmap(lambda lane: sensitivity.run(tuner.loop(z, lane, common)))(lanes)
+    values, loop = tuner.space.constrain(z), tuner.problem.residual_loop
+    return jax.vmap(lambda lane: sensitivity.run(loop(values, lane[0], common, lane[1])))(lanes)
 
 
 @pytest.mark.gradient

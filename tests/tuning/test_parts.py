@@ -13,11 +13,12 @@ import pytest
 import vsajax
 from tuning.build import build
 from tuning.log_files import write_table
-from tuning.parts import base, bench, estimators, joints, springs
+from tuning.parts import base, bench, control, estimators, joints, springs
 from tuning.parts.base import Part
 
 LINK, MOTOR = {"inertia": 0.1, "damping": 0.2}, {"inertia": 1e-4, "damping": 1e-3}
 SPRING = {"type": "linear", "rate": 10.0}
+RANGE = {"soft": 0.3, "stiff": 1.0}
 SPRINGS = {"spring1": SPRING, "spring2": SPRING}
 BASIS, FIT = {"type": "polynomial"}, {"prior_scale": 2.0}
 SIDE = {"torque": {"type": "sensor"}, "basis": BASIS, "fit": FIT}
@@ -44,6 +45,32 @@ MINIMAL = {
     bench.Sensing: {},
     bench.Clock: {"sample_time": 0.1, "duration": 1.0},
     bench.Scorer: {},
+    control.SingleLink: {"link": LINK},
+    control.StiffnessActuator: RANGE,
+    control.PositionMotor: {"time_constant": 0.03, "top_speed": 6.0},
+    control.SwitchedPlant: {"mechanism": {"link": LINK}, "actuator": RANGE},
+    control.Pulse: {"torque": 1.0, "duration": 0.05},
+    control.Impact: {"impulse": 0.1},
+    control.FeedbackSensor: {},
+    control.SwingObserver: {},
+    control.Conic: {},
+    control.TimeLead: {"type": "lead", "position_lead": 0.1, "velocity_lead": 0.2},
+    control.FixedThresholds: {"type": "thresholds", "position": 0.1, "velocity": 0.2},
+    control.RelativeThresholds: {"type": "relative", "position_share": 0.1, "velocity_share": 0.2},
+    control.DelayedRelease: {"type": "release", "share": 0.1},
+    control.Hold: {},
+    control.ConstantStiffness: {"type": "constant", "stiffness": 0.5},
+    control.StiffnessSwitch: {"type": "switch", **RANGE},
+    control.SmoothStiffness: {"type": "smooth", **RANGE, "sharpness": 3.0, "rate": 14.0},
+    control.PIDPosition: {
+        "type": "pid",
+        "stiffness": 0.5,
+        "proportional": 1.0,
+        "integral": 2.0,
+        "derivative": 3.0,
+    },
+    control.BangBangPosition: {"type": "bang_bang", "stiffness": 0.5, "return_time": 0.6, "tolerance": 0.02},
+    control.SwingScorer: {},
     estimators.SensorTorque: {"type": "sensor"},
     estimators.ModelTorque: {"type": "model", "law": SPRING},
     estimators.ResidualTorque: {

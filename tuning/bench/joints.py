@@ -14,7 +14,7 @@ from tuning.bench.workload import Kernel, Workload
 from tuning.build import number, with_leaves
 from tuning.problem import Problem
 from tuning.resources import example_path
-from tuning.study import load_study
+from tuning.study import load_estimation
 from vsajax import Bench, experiment, rollout
 
 Kind = Literal["serial", "antagonistic"]
@@ -49,7 +49,7 @@ def problem_of(kind: Kind, settings: Sequence[str], substeps: int) -> Problem:
         substeps: integration steps a sample.
     """
     lean = ["sweep={}", "tune={}", f"substeps={substeps}", "clock.duration=2.0"]
-    return Problem(load_study(example_path(kind, kind), [*lean, *settings]))
+    return Problem(load_estimation(example_path(kind, kind), [*lean, *settings]))
 
 
 def spread(bench: Bench, paths: Sequence[str], lanes: int, *, seed: int = 0) -> dict[str, np.ndarray]:

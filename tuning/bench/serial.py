@@ -129,12 +129,13 @@ def _sweep(lanes: int, settings: Sequence[str]) -> Workload:
     draws = max(1, lanes // (OBSERVER_GAINS * PRIOR_SCALES))
     problem = problem_of("serial", ["estimator.deflection='raw'", *settings], AWAS_SUBSTEPS)
     axes = {PRIOR: scales.tolist(), GAIN: gains.tolist()}
-    grid = Grid(Problem(problem.study, tuple(axes)), axes, draws)
+    varied = Problem(problem.study, tuple(axes))
+    grid = Grid(varied, axes, draws)
 
     # C computes this score alone; what else a sweep keeps is then not computed here either.
     program = jax.jit(lambda own, common: grid.program(own, common).msrep)
     scenarios = draw_scenarios(grid.problem.study, grid.stream, draws)
-    truth, recorded = jax.jit(jax.vmap(grid.problem.record, in_axes=(0, None)))(scenarios, grid.problem.given)
+    truth, recorded = jax.jit(jax.vmap(varied.record, in_axes=(0, None)))(scenarios, varied.given)
     own = jax.tree.map(lambda x: x[0], recorded)
     signals = [np.ascontiguousarray(x) for x in (own.link_position, own.motor_position, own.setpoint_position)]
     numbers = [

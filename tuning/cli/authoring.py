@@ -16,7 +16,7 @@ from tuning.cli.options import JSON, QUIET, SETTINGS, STUDY, emit
 @JSON
 @QUIET
 def init(kind: str, file: Path | None, output: Path | None, as_json: bool, quiet: bool) -> None:
-    """Write a commented study of KIND (serial, sea) that runs as it is, to FILE or KIND.toml.
+    """Write a commented study of KIND (serial, sea, damping, …) that runs as it is, to FILE or KIND.toml.
 
     `vsajax init map LOG` proposes a signal map of LOG instead, from names and numbers, and explains each guess.
     """

@@ -123,6 +123,7 @@ def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures:
         [metric, *(f"{q.value:.4g} [{q.low:.4g}, {q.high:.4g}]" for q in quantiles.values())]
         for metric, quantiles in summary.quantiles.items()
         if metric in {"msrep", "msrep_settled", "mse_settled", "convergence_time", "known_time", "coverage"}
+        or metric in {"settling_time", "log_energy", "residual", "switches"}
     ]
     lines = [
         f"{summary.scenarios} robots; quantiles with their 95 % intervals:",

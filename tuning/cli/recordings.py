@@ -46,19 +46,22 @@ def simulate(
     from tuning.runtime import start_jax
 
     start_jax()
-    from tuning.figures import draw_recording, save
+    from tuning.figures import draw_recording, draw_swing, save
     from tuning.log_files import write_table
-    from tuning.single import member, simulate_recording
+    from tuning.single import member, simulate_recording, simulate_swing
     from tuning.store import write_text
-    from tuning.study import resolved, to_toml
+    from tuning.study import EstimationStudy, resolved, to_toml
 
-    columns, substeps = simulate_recording(loaded, scenario)
+    if isinstance(loaded, EstimationStudy):
+        draw, (columns, substeps) = draw_recording, simulate_recording(loaded, scenario)
+    else:
+        draw, (columns, substeps) = draw_swing, simulate_swing(loaded, scenario)
     write_table(output, columns)
     robot = None
     if loaded.population.paths:
         robot = output.with_suffix(".toml")
         write_text(robot, to_toml(resolved(member(loaded, scenario))))
-    picture = save(draw_recording(columns, title=loaded.name), output.with_suffix(".png"))
+    picture = save(draw(columns, title=loaded.name), output.with_suffix(".png"))
     emit(
         {
             "recording": output,
@@ -110,7 +113,7 @@ def estimate(
     from tuning.errors import input_error
     from tuning.log_files import table_suffix
     from tuning.logs import read_recording
-    from tuning.study import load_config
+    from tuning.study import Config, load_config
 
     chosen = {}
     for choice in select:
@@ -120,6 +123,10 @@ def estimate(
         chosen[column] = value
     loaded = load_config(config, settings)
     table_suffix(output)
+    if not isinstance(loaded, Config):
+        raise input_error(
+            f"{config}: kind", f"got {loaded.kind!r}, which estimates nothing", "name an estimator's study"
+        )
     table = read_recording(recording, map_path, kind=loaded.kind, select=chosen or None)
     _require_signals(loaded, table)
     _require_regular_clock(loaded, table)

@@ -92,7 +92,7 @@ def sweep(
         quiet=quiet,
         text=lambda: "\n".join(
             [
-                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective} [%]:",
+                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective}:",
                 table(list(rows[0]), [list(row.values()) for row in rows[:5]]),
                 f"wrote {folder / 'results.parquet'} and {picture}",
             ]
@@ -197,6 +197,7 @@ def tune(
         tuned = run_tuning(search, folder, resume=resume, quiet=quiet)
         report, lines = _refined(tuned, search.paths, loaded.tune.objective)
     from tuning.figures import draw_tuning, save
+    from tuning.judging import unit_of
 
     picture = save(
         draw_tuning({"before": tuned.before.each, "tuned": tuned.held_out.each}, loaded.tune.objective),
@@ -217,9 +218,11 @@ def tune(
     }
 
     def text() -> str:
+        unit = unit_of(loaded.tune.objective)
         judged = [
-            f"{name:<28} {j.value:.4g} %  [{j.low:.4g}, {j.high:.4g}]  median {j.median:.4g} %  "
-            f"msrep {j.msrep_mean:.4g} %  settled {j.settled_mean:.2g} %  converged in {j.convergence_time:.3f} s"
+            f"{name:<28} {j.value:.4g}{unit}  [{j.low:.4g}, {j.high:.4g}]  median {j.median:.4g}{unit}  "
+            + ("" if j.msrep_mean is None else f"msrep {j.msrep_mean:.4g} %  settled {j.settled_mean:.2g} %  ")
+            + f"converged in {j.convergence_time:.3f} s"
             for name, j in (
                 (f"before, {tuned.before.scenarios} held out:", tuned.before),
                 (f"tuned, {tuned.train.scenarios} training:", tuned.train),
@@ -236,7 +239,15 @@ def _refined(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict
     """Return what is reported of the starts of a gradient, for machines and for people."""
     from dataclasses import asdict
 
-    headers = ["start", *(p.removeprefix("estimator.") for p in paths), f"train {objective} %", "steps", "ended"]
+    from tuning.judging import unit_of
+
+    headers = [
+        "start",
+        *(p.removeprefix("estimator.") for p in paths),
+        f"train {objective}{unit_of(objective)}",
+        "steps",
+        "ended",
+    ]
     rows = [[i, *o.values.values(), o.objective, o.steps, o.message] for i, o in enumerate(tuned.outcomes)]
     return {"starts": [asdict(outcome) for outcome in tuned.outcomes]}, [table(headers, rows)]
 
@@ -295,6 +306,7 @@ def compare(
 
     start_jax()
     from tuning.figures import draw_tuning, save
+    from tuning.judging import unit_of
 
     found = run_comparison(studies, folder, resume=resume, quiet=quiet)
     objective = loaded.tune.objective
@@ -315,7 +327,7 @@ def compare(
     def text() -> str:
         headers = [
             "config",
-            f"{loaded.tune.statistic.label} {objective} %",
+            f"{loaded.tune.statistic.label} {objective}{unit_of(objective)}",
             "95 %",
             "median",
             "minus first",

@@ -18,7 +18,7 @@ from tuning.exports.manifest import manifest_of
 from tuning.exports.readme import readme_of
 from tuning.exports.recheck import Exported, read_manifest, run_check
 from tuning.store import write_bytes, write_text
-from tuning.study import load_config, study_hash
+from tuning.study import Config, load_config, study_hash
 
 SECONDS = 10.0
 """Length of a golden recording that is simulated [s]."""
@@ -50,6 +50,8 @@ def export_config(
         InputError: the configuration is not valid or cannot be exported so, or the folder cannot be written.
     """
     config = load_config(path, settings)
+    if not isinstance(config, Config):
+        raise input_error(path, f"is of kind {config.kind}, which has no estimator to export", "name another file")
     _check_folder_is_free(folder, target)
     try:
         program = estimator_program(config)

@@ -21,7 +21,7 @@ from tuning.parts.estimators import AlgebraicObserver
 from tuning.resources import example_path
 from tuning.schema import read_toml
 from tuning.single import simulate_recording
-from tuning.study import Config, Study, parse_study, resolved
+from tuning.study import Config, EstimationStudy, parse_study, resolved
 from vsajax import Recording, rollout
 
 Columns = dict[str, np.ndarray]
@@ -146,8 +146,8 @@ def by_name(slot: Slot, tree: Any) -> Columns:
     return {name: np.asarray(x) for name, x in zip(slot.names, jax.tree.leaves(tree), strict=True)}
 
 
-def _study_of(config: Config, seconds: float, program: StepProgram) -> Study:
-    if isinstance(config, Study):
+def _study_of(config: Config, seconds: float, program: StepProgram) -> EstimationStudy:
+    if isinstance(config, EstimationStudy):
         tables = resolved(config)
     else:
         tables = read_toml(example_path(config.kind, "kind"))
@@ -162,7 +162,9 @@ def _study_of(config: Config, seconds: float, program: StepProgram) -> Study:
                     side["sample_time"] = sample_time
     tables |= {"sweep": {}, "tune": {}, "scorer": {}}
     tables["clock"] = tables["clock"] | {"duration": seconds}
-    return parse_study(tables, "golden recording")
+    study = parse_study(tables, "golden recording")
+    assert isinstance(study, EstimationStudy)
+    return study
 
 
 def _sample_times(config: Config) -> list[float]:

@@ -8,18 +8,26 @@ from typing import Any
 
 import numpy as np
 
+from tuning.judging import unit_of
 from tuning.population_figures import draw_numbers
 from tuning.report import pictures, tables
 from tuning.report.gather import Contestant, FinishedRun
 from tuning.report.page import Picture, Table, number, signed
 from tuning.report.pictures import UNITS
 from tuning.report.replay import Replay, replay
+from tuning.report.swings import show_swings
+from tuning.study import DampingStudy, EstimationStudy
 
 SHOWN = 32
 """Scenarios in a band over time."""
 _LINES = 30
 _STREAMS = {"population": "robots of the population", "held_out": "held-out noise draws"}
-_NAMES = {"msrep": "MSREP", "msrep_settled": "MSREP after the warm-up"}
+_NAMES = {
+    "msrep": "MSREP",
+    "msrep_settled": "MSREP after the warm-up",
+    "log_energy": "log-energy",
+    "settling_time": "settling time",
+}
 
 
 @dataclass(frozen=True)
@@ -47,7 +55,7 @@ def say_value(run: FinishedRun, one: Contestant) -> str:
     if not values.size:
         return f"no finite {run.objective}"
     found = tables.estimated(values, statistic, seed=run.study.seed)
-    value = f"{statistic.label} {_NAMES[run.objective]} {number(found.value)} %"
+    value = f"{statistic.label} {_NAMES[run.objective]} {number(found.value)}{unit_of(run.objective)}"
     return value if np.isnan(found.low) else f"{value} [{number(found.low)}, {number(found.high)}]"
 
 
@@ -57,7 +65,8 @@ def say_difference(run: FinishedRun, first: Contestant, second: Contestant) -> s
     found = tables.paired(a, b, run.study.tune.statistic, seed=run.study.seed)
     wins = f"{100 * float(np.mean(b < a)):.0f}" if a.size else "–"
     ends = "" if np.isnan(found.low) else f" [{signed(found.low)}, {signed(found.high)}]"
-    return f"paired difference {signed(found.value)} %{ends}, better in {wins} % of {a.size} scenarios"
+    difference = f"{signed(found.value)}{unit_of(run.objective)}{ends}"
+    return f"paired difference {difference}, better in {wins} % of {a.size} scenarios"
 
 
 def medians_of(groups: dict[str, np.ndarray]) -> str:
@@ -90,7 +99,10 @@ def show_traces(run: FinishedRun, one: Contestant, title: str) -> Iterator[Pictu
     """Show the same of a contestant, simulated again; nothing where its study is not known."""
     if one.study is not None:
         count = SHOWN if run.command == "montecarlo" else min(SHOWN, one.study.scenarios.held_out)
-        yield show_band(replay(one.study, run.stream, range(count)), title, run)
+        if isinstance(one.study, DampingStudy):
+            yield show_swings(one.study, run.stream, range(count), f"Coming to rest: {one.name}")
+        elif isinstance(one.study, EstimationStudy):
+            yield show_band(replay(one.study, run.stream, range(count)), title, run)
 
 
 def show_distributions(contestants: list[Contestant], metric: str) -> Picture:

@@ -13,11 +13,12 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from tuning.compare import contenders
+from tuning.control_problem import problem_of
 from tuning.errors import InputError, input_error
 from tuning.grid import Grid
 from tuning.montecarlo import MonteCarlo
 from tuning.population import METRICS
-from tuning.problem import Problem, Status, Stream
+from tuning.problem import Status, Stream
 from tuning.robustness import Columns, Influence, Interval, Summary, summarise
 from tuning.store import read_table
 from tuning.study import Study, load_config, load_study, parse_study, study_hash, with_numbers
@@ -216,7 +217,7 @@ def _tuned(run: FinishedRun) -> list[Contestant]:
 
 def _score(study: Study) -> dict[str, np.ndarray]:
     """Score a study on its held-out scenarios again: a search keeps only their statistics."""
-    scores = Grid(Problem(study), {}, study.scenarios.held_out, "held_out").evaluate(np.empty((1, 0)))
+    scores = Grid(problem_of(study), {}, study.scenarios.held_out, "held_out").evaluate(np.empty((1, 0)))
     return _metrics({name: score[0, 0] for name, score in scores.items()}, np.arange(study.scenarios.held_out))
 
 

@@ -12,7 +12,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter
 
-from tuning.figures import ESTIMATE, NEAR, OTHER, QUIET, TRUTH, new_figure, plain
+from tuning.figures import ESTIMATE, NEAR, OTHER, QUIET, SWING_UNITS, TRUTH, new_figure, plain
 from tuning.population_figures import Rows
 from tuning.report.replay import Replay
 
@@ -27,7 +27,7 @@ UNITS = {
     "known_time": "first known [s]",
     "known_share": "share of samples known",
     "near_zero_share": "share of samples left out",
-}
+} | SWING_UNITS
 _GREY, _MAP = "#e4e4e4", "viridis_r"
 _WIDTH = 5.6
 

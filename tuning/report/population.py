@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tuning.judging import unit_of
 from tuning.population_figures import draw_influences, draw_spread
 from tuning.problem import Status
 from tuning.report import pictures, tables
@@ -16,7 +17,9 @@ from tuning.report.gather import FinishedRun
 from tuning.report.page import Picture, number
 from tuning.report.pictures import UNITS, short_paths, short_rows
 from tuning.report.replay import replay
+from tuning.report.swings import show_swings
 from tuning.robustness import has_failed
+from tuning.study import DampingStudy, EstimationStudy
 
 
 def describe_population(run: FinishedRun) -> Parts:
@@ -42,16 +45,21 @@ def _population_pictures(run: FinishedRun) -> Iterator[Picture]:
     summary, objective, paths = run.summary, run.objective, run.study.population.paths
     columns, counted = run.columns, run.columns["status"] == Status.OK
     shown = min(SHOWN, counted.size)
-    traces = replay(run.study, run.stream, [*range(shown), *summary.worst])
-    yield show_band(traces.part(slice(0, shown)), "True and estimated stiffness", run)
-    if summary.worst:
-        titles = [_case_title(columns, scenario, objective) for scenario in summary.worst]
-        yield Picture(
-            "The worst robots",
-            pictures.draw_cases(traces.part(slice(shown, None)), titles),
-            f"The {len(titles)} robots with the largest {objective}, over time; grey: not known.",
-            f"Stiffness over time, one panel each: {'; '.join(titles)}.",
-        )
+    titles = [_case_title(columns, scenario, objective) for scenario in summary.worst]
+    if isinstance(run.study, DampingStudy):
+        yield show_swings(run.study, run.stream, range(shown), "Coming to rest")
+        if summary.worst:
+            yield show_swings(run.study, run.stream, summary.worst, f"The worst robots: {'; '.join(titles)}")
+    elif isinstance(run.study, EstimationStudy):
+        traces = replay(run.study, run.stream, [*range(shown), *summary.worst])
+        yield show_band(traces.part(slice(0, shown)), "True and estimated stiffness", run)
+        if summary.worst:
+            yield Picture(
+                "The worst robots",
+                pictures.draw_cases(traces.part(slice(shown, None)), titles),
+                f"The {len(titles)} robots with the largest {objective}, over time; grey: not known.",
+                f"Stiffness over time, one panel each: {'; '.join(titles)}.",
+            )
     rows = {name: values[counted] for name, values in columns.items()}
     q = summary.quantiles[objective]
     yield Picture(
@@ -84,7 +92,11 @@ def _short_keys(table: dict[str, Any]) -> dict[str, Any]:
 def _case_title(columns: dict[str, np.ndarray], scenario: int, objective: str) -> str:
     (row,) = np.flatnonzero(columns["scenario"] == scenario)
     status = Status(int(columns["status"][row]))
-    score = f"{objective} {number(float(columns[objective][row]))} %" if status == Status.OK else status.reason
+    score = (
+        f"{objective} {number(float(columns[objective][row]))}{unit_of(objective)}"
+        if status == Status.OK
+        else status.reason
+    )
     return f"robot {scenario}: {score}"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tuning.build import with_leaves
 from tuning.problem import Given, Problem, Scenario, Stream, draw_scenarios
-from tuning.study import Study
+from tuning.study import EstimationStudy
 from vsajax import experiment, rollout
 
 _POINTS = 400
@@ -41,7 +41,7 @@ class Replay:
         return Replay(self.time[rows], self.truth[rows], self.estimate[rows], self.known[rows])
 
 
-def replay(study: Study, stream: Stream, numbers: Sequence[int]) -> Replay:
+def replay(study: EstimationStudy, stream: Stream, numbers: Sequence[int]) -> Replay:
     """Run the scenarios of a stream with given numbers again."""
     problem = Problem(study)
     each = [draw_scenarios(study, stream, 1, number) for number in numbers]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tuning.figures import NEAR, draw_sweep
+from tuning.population_figures import time_of
 from tuning.report import pictures, tables
 from tuning.report.elements import (
     Parts,
@@ -85,7 +86,7 @@ def _configurations(run: FinishedRun) -> tuple[np.ndarray, np.ndarray]:
     order = np.lexsort((run.columns["scenario"], run.columns["configuration"]))
     count = len(run.ranking)
     accuracy = run.columns[run.objective][order].reshape(count, -1).mean(axis=1)
-    return accuracy, np.median(run.columns["convergence_time"][order].reshape(count, -1), axis=1)
+    return accuracy, np.median(run.columns[time_of(run.objective)][order].reshape(count, -1), axis=1)
 
 
 def describe_tuning(run: FinishedRun) -> Parts:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from tuning.figures import NEAR
+from tuning.figures import NEAR, SWING_UNITS
 from tuning.judging import interval, paired_interval
 from tuning.population import METRICS
 from tuning.report.gather import Contestant, FinishedRun
@@ -178,7 +178,10 @@ def both_finite(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.n
 def tabulate_differences(first: Contestant, second: Contestant, statistic: Statistic, seed: int) -> Table:
     """Return paired differences of scores, second minus first, on the same scenarios."""
     rows, used = [], dict.fromkeys([statistic, *STATISTICS])
-    for metric in ("msrep", "msrep_settled", "convergence_time", "max_relative_error", "coverage"):
+    for metric in (
+        *("msrep", "msrep_settled", "convergence_time", "max_relative_error", "coverage"),
+        *SWING_UNITS,
+    ):
         if metric not in first.scores or metric not in second.scores:
             continue
         a, b = both_finite(first.scores[metric], second.scores[metric])

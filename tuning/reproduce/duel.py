@@ -26,7 +26,7 @@ from tuning.reproduce import antagonistic as paper
 from tuning.reproduce.report import Report, Row
 from tuning.resources import example_path
 from tuning.space import Space
-from tuning.study import Study, load_study
+from tuning.study import EstimationStudy, load_estimation
 
 TITLE = "The duel: algebraic observer against residual estimator, each tuned for each excitation and noise level"
 SETTINGS = (paper.R1, paper.R2, paper.T1)
@@ -59,10 +59,10 @@ class Contender:
     bounds: Mapping[str, Bounds] = field(default_factory=dict, hash=False)
 
     @cached_property
-    def study(self) -> Study:
+    def study(self) -> EstimationStudy:
         """The antagonistic example with this estimator."""
         plain = ["sweep={}", "tune={}", f"scenarios={{train={TRAIN}, held_out={HELD_OUT}}}"]
-        return load_study(example_path("antagonistic", "antagonistic"), [*plain, *self.side])
+        return load_estimation(example_path("antagonistic", "antagonistic"), [*plain, *self.side])
 
     @property
     def has_filter(self) -> bool:

@@ -17,7 +17,7 @@ from tuning.grid import Grid
 from tuning.problem import Problem, Scenario, draw_scenarios
 from tuning.reproduce.report import Report, Row
 from tuning.resources import example_path
-from tuning.study import Study, load_study
+from tuning.study import EstimationStudy, load_estimation
 from vsajax import Estimate, Truth, experiment, rollout
 
 _TITLE = "Flacco et al., IROS 2011: serial adjustable-stiffness joint"
@@ -38,9 +38,9 @@ _TABLE = {
 _REFERENCE_MEDIAN = 0.574
 
 
-def _study(*settings: str) -> Study:
+def _study(*settings: str) -> EstimationStudy:
     own = ("sweep={}", "tune={}", 'estimator.deflection="filtered"')
-    return load_study(example_path("serial", "serial"), [*own, *settings])
+    return load_estimation(example_path("serial", "serial"), [*own, *settings])
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class _Run:
     answer: Estimate
 
 
-def _run(study: Study, scenario: int = 0) -> _Run:
+def _run(study: EstimationStudy, scenario: int = 0) -> _Run:
     problem = Problem(study)
     drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, "train", 1, scenario))
     truth, recording = problem.record(drawn, problem.given)
@@ -67,7 +67,7 @@ def reproduce(folder: Path | None) -> Report:
     return Report(_TITLE, rows, [] if folder is None else _draw(folder))
 
 
-def _scores(study: Study, seeds: int) -> dict[str, np.ndarray]:
+def _scores(study: EstimationStudy, seeds: int) -> dict[str, np.ndarray]:
     scores = Grid(Problem(study), {}, seeds).evaluate(np.empty((1, 0)))
     return {name: value[0, 0] for name, value in scores.items()}
 

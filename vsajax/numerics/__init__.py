@@ -2,6 +2,7 @@
 
 from vsajax.numerics.functions import damped_response, logistic, safe_divide, safe_sqrt, smooth_sign, with_slope
 from vsajax.numerics.fusion import once
+from vsajax.numerics.linear import solve_definite
 from vsajax.numerics.rows import (
     Rows,
     combine_rows,
@@ -27,5 +28,6 @@ __all__ = [
     "scaled_symmetric_part",
     "sin",
     "smooth_sign",
+    "solve_definite",
     "with_slope",
 ]

@@ -3,6 +3,7 @@
 from vsajax.plants.antagonistic import AntagonisticJoint, AntagonisticMotion
 from vsajax.plants.bodies import CoulombFriction, Link, Motor
 from vsajax.plants.joints import AbstractJoint, FlexibleJoint, Motion, SerialJoint, Torques
+from vsajax.plants.mechanisms import AbstractMechanism, ArmLink, PlanarArm, SingleLink
 from vsajax.plants.presets import awas, menard_cubic, qbmove, vsa_exponential
 from vsajax.plants.simulation import simulate
 from vsajax.plants.splitting import substeps_for
@@ -15,12 +16,15 @@ from vsajax.plants.springs import (
     LinearSpring,
     PolynomialSpring,
 )
+from vsajax.plants.switched import PositionMotor, StiffnessActuator, SwitchedPlant, SwitchedState
 
 __all__ = [
     "AbstractJoint",
+    "AbstractMechanism",
     "AbstractSpring",
     "AntagonisticJoint",
     "AntagonisticMotion",
+    "ArmLink",
     "CoulombFriction",
     "CubicSpring",
     "ExponentialSpring",
@@ -31,8 +35,14 @@ __all__ = [
     "Link",
     "Motion",
     "Motor",
+    "PlanarArm",
     "PolynomialSpring",
+    "PositionMotor",
     "SerialJoint",
+    "SingleLink",
+    "StiffnessActuator",
+    "SwitchedPlant",
+    "SwitchedState",
     "Torques",
     "awas",
     "menard_cubic",

@@ -9,6 +9,8 @@ from vsajax.sensing.excitations import (
     Recorded,
     Sine,
 )
+from vsajax.sensing.feedback import FeedbackSensor, FeedbackState
+from vsajax.sensing.impacts import Impact, Pulse
 from vsajax.sensing.sensors import Clock, Encoder, Sensor
 from vsajax.sensing.suite import SensorSuite
 
@@ -19,7 +21,11 @@ __all__ = [
     "Clock",
     "Encoder",
     "Excitation",
+    "FeedbackSensor",
+    "FeedbackState",
+    "Impact",
     "Multisine",
+    "Pulse",
     "Recorded",
     "Sensor",
     "SensorSuite",

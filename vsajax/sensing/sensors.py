@@ -27,7 +27,7 @@ class Encoder(eqx.Module):
     offset: Scalar | None = eqx.field(converter=optional_leaf, default=None)
     rounding: Rounding = eqx.field(static=True, default="nearest")
 
-    def __call__(self, position: Series) -> Series:
+    def __call__(self, position: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return the reading of `position` [rad]."""
         count = 2.0 * jnp.pi / self.counts_per_revolution
         shifted = position if self.offset is None else position + self.offset

@@ -55,6 +55,7 @@ def replay() -> Result:
 
     found = tables()
     config = parse_study(found, FILE.name) if "joint" in found else validate(Config, found, FILE.name)
+    assert isinstance(config, Config)
     golden = read_golden()
     program = estimator_program(config)
     signals = {name: np.asarray(values) for name, values in golden.inputs.items() if name != "dt"}
