@@ -2,6 +2,7 @@
 
 from vsajax.numerics.functions import damped_response, logistic, safe_divide, safe_sqrt, smooth_sign
 from vsajax.numerics.fusion import once
+from vsajax.numerics.lanes import apply, apply_transposed, identity_like, lanes_last
 from vsajax.numerics.rows import (
     Rows,
     combine_rows,
@@ -11,14 +12,20 @@ from vsajax.numerics.rows import (
     scaled_identity,
     scaled_symmetric_part,
 )
+from vsajax.numerics.sweep import inverse, symmetric_part
 from vsajax.numerics.trigonometry import cos, sin
 
 __all__ = [
     "Rows",
+    "apply",
+    "apply_transposed",
     "combine_rows",
     "cos",
     "damped_response",
     "dot",
+    "identity_like",
+    "inverse",
+    "lanes_last",
     "logistic",
     "once",
     "quadratic_form",
@@ -29,4 +36,5 @@ __all__ = [
     "scaled_symmetric_part",
     "sin",
     "smooth_sign",
+    "symmetric_part",
 ]

@@ -1,0 +1,21 @@
+"""Serial arms: their kinematics and masses, which plants and controllers share."""
+
+from vsajax.arms.bodies import ArmBodies
+from vsajax.arms.kinematics import (
+    Pose,
+    SerialArm,
+    point_jacobian,
+    rotation_about,
+    scaled_rows,
+    task_scale,
+)
+
+__all__ = [
+    "ArmBodies",
+    "Pose",
+    "SerialArm",
+    "point_jacobian",
+    "rotation_about",
+    "scaled_rows",
+    "task_scale",
+]

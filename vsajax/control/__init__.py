@@ -1,0 +1,42 @@
+"""Controllers, and the design of what they and the joints' mechanisms are set to."""
+
+from vsajax.control.active import fit_active, passive_scale
+from vsajax.control.active_set import ActiveSet
+from vsajax.control.box import AbstractBoxSolver, BoxLeastSquares, BoxSolution
+from vsajax.control.designer import (
+    Status,
+    StiffnessDesign,
+    StiffnessDesigner,
+    StiffnessErrors,
+    stiffness_errors,
+)
+from vsajax.control.enumeration import Enumeration
+from vsajax.control.interior_point import InteriorPoint
+from vsajax.control.passive import (
+    PassiveFit,
+    StiffnessBounds,
+    compliance_problem,
+    fit_passive,
+    hand_compliance,
+)
+
+__all__ = [
+    "AbstractBoxSolver",
+    "ActiveSet",
+    "BoxLeastSquares",
+    "BoxSolution",
+    "Enumeration",
+    "InteriorPoint",
+    "PassiveFit",
+    "Status",
+    "StiffnessBounds",
+    "StiffnessDesign",
+    "StiffnessDesigner",
+    "StiffnessErrors",
+    "compliance_problem",
+    "fit_active",
+    "fit_passive",
+    "hand_compliance",
+    "passive_scale",
+    "stiffness_errors",
+]
