@@ -5,7 +5,7 @@ Everything is one function and what JAX does to it::
     score = metric(truth, estimate(estimator, measure(sensors, simulate(joint, excitation))))
 """
 
-from vsajax import arms, control, estimators, experiment, metrics, numerics, plants, rollout, sensing
+from vsajax import arm_loop, arms, control, estimators, experiment, metrics, numerics, plants, rollout, sensing
 from vsajax.experiment import Bench, Truth, estimate, measure, score, simulate
 from vsajax.metrics import Scorer, Scores
 from vsajax.types import Estimate, MissingSignalError, PrecisionError, Recording, Sample
@@ -22,6 +22,7 @@ __all__ = [
     "Scorer",
     "Scores",
     "Truth",
+    "arm_loop",
     "arms",
     "control",
     "estimate",

@@ -4,7 +4,6 @@ from vsajax.arms.bodies import ArmBodies
 from vsajax.arms.kinematics import (
     Pose,
     SerialArm,
-    point_jacobian,
     rotation_about,
     scaled_rows,
     task_scale,
@@ -14,7 +13,6 @@ __all__ = [
     "ArmBodies",
     "Pose",
     "SerialArm",
-    "point_jacobian",
     "rotation_about",
     "scaled_rows",
     "task_scale",

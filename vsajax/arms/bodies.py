@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from vsajax.arms.kinematics import SerialArm, point_jacobian
+from vsajax.arms.kinematics import Pose, SerialArm
 from vsajax.types import as_leaf
 
 Joints = Float[Array, " joints"]
+Motions = Float[Array, "bodies joints 3"]
 
 
 class ArmBodies(eqx.Module):
@@ -31,25 +32,24 @@ class ArmBodies(eqx.Module):
 
     def inertia(self, arm: SerialArm, positions: Joints) -> Float[Array, "joints joints"]:
         """Return the inertia matrix M(q) [kg·m²]."""
-        frames = arm.frames(positions)[:-1]
-        total = jnp.zeros((arm.joints, arm.joints))
-        for i, frame in enumerate(frames):
-            point = frame.position + frame.rotation @ self.centres[i]
-            motion = point_jacobian(arm.axes, frames[: i + 1], point)
-            linear, turned = motion[:3], frame.rotation.T @ motion[3:]
-            part = self.masses[i] * (linear.T @ linear) + turned.T @ self.inertias[i] @ turned
-            total = total.at[: i + 1, : i + 1].add(part)
-        return total
+        frames, _ = arm.frames(positions)
+        linear, turned = self._motion(arm, frames)
+        # In the body's own frame: Rᵀ ω.
+        turned = jnp.einsum("bxy,bjx->bjy", frames.rotation, turned)
+        kinetic = jnp.einsum("b,bix,bjx->ij", self.masses, linear, linear)
+        return kinetic + jnp.einsum("bix,bxy,bjy->ij", turned, self.inertias, turned)
 
     def load(self, arm: SerialArm, positions: Joints) -> Joints:
         """Return the joint torques g(q) that hold the arm against gravity [N·m]."""
-        frames = arm.frames(positions)[:-1]
-        total = jnp.zeros(arm.joints)
-        for i, frame in enumerate(frames):
-            point = frame.position + frame.rotation @ self.centres[i]
-            linear = point_jacobian(arm.axes, frames[: i + 1], point)[:3]
-            total = total.at[: i + 1].add(-self.masses[i] * (linear.T @ self.gravity))
-        return total
+        linear, _ = self._motion(arm, arm.frames(positions)[0])
+        return -jnp.einsum("b,bjx,x->j", self.masses, linear, self.gravity)
+
+    def _motion(self, arm: SerialArm, frames: Pose) -> tuple[Motions, Motions]:
+        """Return the velocities of the centres of mass and the angular velocities, per joint velocity."""
+        centres = frames.position + (frames.rotation * self.centres[:, None, :]).sum(2)
+        moves = jnp.asarray(np.tril(np.ones((arm.joints, arm.joints))))[:, :, None]
+        directions = moves * arm.directions(frames)
+        return jnp.cross(directions, centres[:, None] - frames.position), directions
 
     def load_stiffness(self, arm: SerialArm, positions: Joints) -> Float[Array, "joints joints"]:
         """Return ∂g/∂q, which adds to the joints' stiffness [N·m/rad]."""

@@ -18,20 +18,19 @@ from jaxtyping import Array, Float
 from vsajax import numerics
 from vsajax.types import Scalar, as_leaf
 
-Vector = Float[Array, "3"]
-Matrix = Float[Array, "3 3"]
+Joints = Float[Array, " joints"]
 
 
 class Pose(NamedTuple):
-    """A place and an orientation in the base frame.
+    """A place and an orientation in the base frame; several have leading axes.
 
     Args:
         position: [m].
         rotation: its columns are the axes of the frame.
     """
 
-    position: Vector
-    rotation: Matrix
+    position: Float[Array, "*many 3"]
+    rotation: Float[Array, "*many 3 3"]
 
 
 class SerialArm(eqx.Module):
@@ -51,8 +50,8 @@ class SerialArm(eqx.Module):
     offsets: Float[Array, "joints 3"] = eqx.field(converter=as_leaf)
     rotations: Float[Array, "joints 3 3"] = eqx.field(converter=as_leaf)
     axes: Float[Array, "joints 3"] = eqx.field(converter=as_leaf)
-    tool_offset: Vector = eqx.field(converter=as_leaf)
-    tool_rotation: Matrix = eqx.field(converter=as_leaf, default_factory=lambda: np.eye(3))
+    tool_offset: Float[Array, "3"] = eqx.field(converter=as_leaf)
+    tool_rotation: Float[Array, "3 3"] = eqx.field(converter=as_leaf, default_factory=lambda: np.eye(3))
 
     def __check_init__(self):
         """Check that the parts belong together."""
@@ -68,41 +67,46 @@ class SerialArm(eqx.Module):
         """Number of joints."""
         return self.offsets.shape[0]
 
-    def frames(self, positions: Float[Array, " joints"]) -> list[Pose]:
-        """Return the pose of every joint's frame, and last that of the hand.
+    def frames(self, positions: Joints) -> tuple[Pose, Pose]:
+        """Return the poses of all joints' frames, with a leading joint axis, and that of the hand.
 
         Args:
             positions: q [rad].
         """
+        turns = self.rotations @ rotation_about(self.axes, positions)
         place, turned = jnp.zeros(3), jnp.eye(3)
-        found = []
+        places, rotations = [], []
         for i in range(self.joints):
-            place = place + turned @ self.offsets[i]
-            turned = turned @ self.rotations[i] @ rotation_about(self.axes[i], positions[i])
-            found.append(Pose(place, turned))
-        found.append(Pose(place + turned @ self.tool_offset, turned @ self.tool_rotation))
-        return found
+            place, turned = place + turned @ self.offsets[i], turned @ turns[i]
+            places.append(place)
+            rotations.append(turned)
+        hand = Pose(place + turned @ self.tool_offset, turned @ self.tool_rotation)
+        return Pose(jnp.stack(places), jnp.stack(rotations)), hand
 
-    def forward(self, positions: Float[Array, " joints"]) -> Pose:
+    def forward(self, positions: Joints) -> Pose:
         """Return the pose of the hand."""
-        return self.frames(positions)[-1]
+        return self.frames(positions)[1]
 
-    def jacobian(self, positions: Float[Array, " joints"]) -> Float[Array, "6 joints"]:
+    def jacobian(self, positions: Joints) -> Float[Array, "6 joints"]:
         """Return J: the hand's velocity [m/s] and angular velocity [rad/s], in the base frame, per q̇."""
-        *frames, hand = self.frames(positions)
-        return point_jacobian(self.axes, frames, hand.position)
+        frames, hand = self.frames(positions)
+        directions = self.directions(frames)
+        linear = jnp.cross(directions, hand.position - frames.position)
+        return jnp.concatenate([linear, directions], axis=1).T
 
-    def position_jacobian(self, positions: Float[Array, " joints"]) -> Float[Array, "3 joints"]:
+    def position_jacobian(self, positions: Joints) -> Float[Array, "3 joints"]:
         """Return the rows of J that move the hand's position."""
         return self.jacobian(positions)[:3]
 
-    def load_stiffness(
-        self, positions: Float[Array, " joints"], wrench: Float[Array, "6"]
-    ) -> Float[Array, "joints joints"]:
+    def directions(self, frames: Pose) -> Float[Array, "joints 3"]:
+        """Return the joints' axes in the base frame."""
+        return (frames.rotation * self.axes[:, None, :]).sum(2)
+
+    def load_stiffness(self, positions: Joints, wrench: Float[Array, "6"]) -> Float[Array, "joints joints"]:
         """Return −∂(Jᵀf)/∂q of a wrench that keeps its value while the arm moves [N·m/rad].
 
-        It is the second term of (1) with the sign of the text above it: the joint stiffness that holds the hand at
-        K_J = −∂τ/∂q = JᵀK_C J − (∂Jᵀ/∂q) K_C Δx. Printed in (1) is +∂τ/∂q. Symmetric for a force; not for a
+        It is the second term of (1) with the sign of the text above it: the joint stiffness is
+        K_J = −∂τ/∂q = JᵀK_C J − (∂Jᵀ/∂q) K_C Δx; printed in (1) is +∂τ/∂q. Symmetric for a force, not for a
         moment.
 
         Args:
@@ -112,21 +116,13 @@ class SerialArm(eqx.Module):
         return -jax.jacfwd(lambda q: self.jacobian(q).T @ wrench)(positions)
 
 
-def point_jacobian(axes: Float[Array, "joints 3"], frames: list[Pose], point: Vector) -> Float[Array, "6 _"]:
-    """Return the Jacobian of a point on the last of `frames`; columns of later joints are left out."""
-    columns = []
-    for axis, frame in zip(axes, frames, strict=False):
-        direction = frame.rotation @ axis
-        columns.append(jnp.concatenate([jnp.cross(direction, point - frame.position), direction]))
-    return jnp.stack(columns, axis=1)
-
-
-def rotation_about(axis: Vector, angle: Scalar) -> Matrix:
-    """Return the rotation by `angle` [rad] about a unit vector, by Rodrigues' formula."""
-    x, y, z = axis
+def rotation_about(axes: Float[Array, "joints 3"], angles: Joints) -> Float[Array, "joints 3 3"]:
+    """Return the rotations by `angles` [rad] about unit vectors, by Rodrigues' formula."""
+    x, y, z = axes.T
     zero = jnp.zeros_like(x)
-    cross = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
-    return jnp.eye(3) + numerics.sin(angle) * cross + (1.0 - numerics.cos(angle)) * (cross @ cross)
+    cross = jnp.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    sine, cosine = numerics.sin(angles)[:, None, None], numerics.cos(angles)[:, None, None]
+    return jnp.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
 
 
 def scaled_rows(jacobian: Float[Array, "6 joints"], length: Scalar | float) -> Float[Array, "6 joints"]:

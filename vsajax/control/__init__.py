@@ -11,6 +11,7 @@ from vsajax.control.designer import (
     stiffness_errors,
 )
 from vsajax.control.enumeration import Enumeration
+from vsajax.control.impedance import CartesianImpedance
 from vsajax.control.interior_point import InteriorPoint
 from vsajax.control.passive import (
     PassiveFit,
@@ -19,12 +20,14 @@ from vsajax.control.passive import (
     fit_passive,
     hand_compliance,
 )
+from vsajax.control.spectrum import eigen, inverse
 
 __all__ = [
     "AbstractBoxSolver",
     "ActiveSet",
     "BoxLeastSquares",
     "BoxSolution",
+    "CartesianImpedance",
     "Enumeration",
     "InteriorPoint",
     "PassiveFit",
@@ -34,9 +37,11 @@ __all__ = [
     "StiffnessDesigner",
     "StiffnessErrors",
     "compliance_problem",
+    "eigen",
     "fit_active",
     "fit_passive",
     "hand_compliance",
+    "inverse",
     "passive_scale",
     "stiffness_errors",
 ]

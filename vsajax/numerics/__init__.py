@@ -1,5 +1,6 @@
 """Scalar mathematics that compiles to fast scan bodies: no LAPACK, no library call per lane."""
 
+from vsajax.numerics.elimination import solve_square
 from vsajax.numerics.functions import damped_response, logistic, safe_divide, safe_sqrt, smooth_sign
 from vsajax.numerics.fusion import once
 from vsajax.numerics.lanes import apply, apply_transposed, identity_like, lanes_last
@@ -36,5 +37,6 @@ __all__ = [
     "scaled_symmetric_part",
     "sin",
     "smooth_sign",
+    "solve_square",
     "symmetric_part",
 ]

@@ -2,7 +2,9 @@
 
 from vsajax.plants.antagonistic import AntagonisticJoint, AntagonisticMotion
 from vsajax.plants.bodies import CoulombFriction, Link, Motor
+from vsajax.plants.compliant_arm import ArmMotion, CompliantArm
 from vsajax.plants.joints import AbstractJoint, FlexibleJoint, Motion, SerialJoint, Torques
+from vsajax.plants.preset_spring import PresetSpring
 from vsajax.plants.presets import awas, menard_cubic, qbmove, vsa_exponential
 from vsajax.plants.simulation import simulate
 from vsajax.plants.splitting import substeps_for
@@ -21,6 +23,8 @@ __all__ = [
     "AbstractSpring",
     "AntagonisticJoint",
     "AntagonisticMotion",
+    "ArmMotion",
+    "CompliantArm",
     "CoulombFriction",
     "CubicSpring",
     "ExponentialSpring",
@@ -32,6 +36,7 @@ __all__ = [
     "Motion",
     "Motor",
     "PolynomialSpring",
+    "PresetSpring",
     "SerialJoint",
     "Torques",
     "awas",
