@@ -125,7 +125,7 @@ def load_study(path: Path, settings: Sequence[str] = ()) -> Study:
     Raises:
         InputError: lists every mistake with its path.
     """
-    return parse_study(_with_settings(read_toml(path), settings), str(path))
+    return parse_study(with_settings(read_toml(path), settings), str(path))
 
 
 def load_config(path: Path, settings: Sequence[str] = ()) -> Config:
@@ -134,7 +134,7 @@ def load_config(path: Path, settings: Sequence[str] = ()) -> Config:
     Raises:
         InputError: lists every mistake with its path.
     """
-    data = _with_settings(read_toml(path), settings)
+    data = with_settings(read_toml(path), settings)
     if data.keys() & _ONLY_IN_STUDIES:
         return parse_study(data, str(path))
     _check_kind(data, str(path))
@@ -156,12 +156,12 @@ def _check_kind(data: Mapping[str, Any], place: str) -> str:
     return kind
 
 
-def resolved(config: Config) -> dict[str, Any]:
+def resolved(config: Table) -> dict[str, Any]:
     """Return every table of a configuration, defaults written out, absent features left out."""
     return config.model_dump(exclude_none=True)
 
 
-def study_hash(config: Config) -> str:
+def study_hash(config: Table) -> str:
     """Return a hash of all that determines a study's results; its name and provenance do not."""
     tables = {k: v for k, v in resolved(config).items() if k not in {"name", "provenance"}}
     return hashlib.sha256(json.dumps(tables, sort_keys=True).encode()).hexdigest()[:16]
@@ -377,7 +377,8 @@ def _check_value(study: Study, path: str, value: float, where: str) -> list[Mist
     return []
 
 
-def _with_settings(data: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+def with_settings(data: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+    """Return the tables of a file with `a.b=value` settings put in."""
     for setting in settings:
         path, separator, text = setting.partition("=")
         if not separator or not path.strip():
@@ -410,10 +411,11 @@ def _with_preset(data: dict[str, Any], place: str) -> dict[str, Any]:
     if not isinstance(joint, dict) or "preset" not in joint:
         return data
     own = {key: value for key, value in joint.items() if key != "preset"}
-    return data | {"joint": _merge(read_toml(preset_path(joint["preset"], f"{place}: joint.preset")), own)}
+    return data | {"joint": merge(read_toml(preset_path(joint["preset"], f"{place}: joint.preset")), own)}
 
 
-def _merge(base: dict[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+def merge(base: dict[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a preset's tables with those of a study in their place."""
     merged = dict(base)
     for key, value in override.items():
         inner = merged.get(key)
@@ -424,5 +426,5 @@ def _merge(base: dict[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
             and isinstance(value, Mapping)
             and value.get("type", inner.get("type")) == inner.get("type")
         ):
-            merged[key] = _merge(inner, value)
+            merged[key] = merge(inner, value)
     return merged

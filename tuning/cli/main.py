@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import click
 
-from tuning.cli import authoring, bench, inspection, populations, recordings, reports, results, searches
+from tuning.cli import arms, authoring, bench, inspection, populations, recordings, reports, results, searches
 from tuning.errors import InputError
 
 DONE, NOT_HELD, BAD_INPUT, INTERRUPTED = 0, 1, 2, 3
@@ -32,6 +32,9 @@ for command in (
     populations.montecarlo,
     searches.tune,
     searches.compare,
+    arms.stiffness,
+    arms.workspace,
+    arms.poses,
     reports.report,
     results.reproduce,
     results.export,

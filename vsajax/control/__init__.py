@@ -20,6 +20,7 @@ from vsajax.control.passive import (
     fit_passive,
     hand_compliance,
 )
+from vsajax.control.pose import PoseSearch, improve_pose, reach
 from vsajax.control.spectrum import eigen, inverse
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Enumeration",
     "InteriorPoint",
     "PassiveFit",
+    "PoseSearch",
     "Status",
     "StiffnessBounds",
     "StiffnessDesign",
@@ -41,7 +43,9 @@ __all__ = [
     "fit_active",
     "fit_passive",
     "hand_compliance",
+    "improve_pose",
     "inverse",
     "passive_scale",
+    "reach",
     "stiffness_errors",
 ]
