@@ -34,7 +34,7 @@ def passive_error(problem: ArmProblem, positions: Float[Array, " joints"]) -> Ar
 def search(
     problem: ArmProblem, starts: Float[Array, "lanes joints"], hands: Float[Array, "lanes 3"], steps: int
 ) -> tuple[Array, Array, PoseSearch]:
-    """Return for each lane the shift and the error of the start, once the hand is in place, and of the search."""
+    """Return for each lane the start's shift and error, once the hand is in place, and the search."""
     arrays, rest = eqx.partition(problem, eqx.is_array)
 
     def one(lane: tuple[Array, Array], shared: Any) -> tuple[Array, Array, PoseSearch]:
@@ -51,8 +51,8 @@ def improve_poses(
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return a row a target: the error at its own pose, from it and from the best start, and a summary.
 
-    Targets are the hand's positions at poses drawn from the joints' ranges. The first start of each is that pose, the
-    others are random and brought to the target; one that does not get there within 1e-7 m counts as no start.
+    Targets are the hand's positions at poses drawn from the joints' ranges. The first start of each is that pose;
+    the others are random and brought to the target; one that does not get there within 1e-7 m counts as no start.
     """
     rng = np.random.default_rng(study.seed)
     began = time.perf_counter()

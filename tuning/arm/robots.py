@@ -59,8 +59,6 @@ def _from_joints(joints: Sequence[Joint], tool: tuple[np.ndarray, Matrix]) -> Se
 
 def _from_dh(joints: Sequence[DhJoint], convention: str, tool: tuple[np.ndarray, Matrix]) -> SerialArm:
     """Return the arm of Denavit–Hartenberg rows, Rz(θ) Tz(d) Tx(a) Rx(α); modified, Rx(α) Tx(a) Rz(θ) Tz(d)."""
-    modified.
-    """
     steps = []
     place, turned = np.zeros(3), np.eye(3)
     for joint in joints:

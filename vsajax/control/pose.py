@@ -75,8 +75,8 @@ def improve_pose(
 ) -> PoseSearch:
     """Return a pose with the hand at the same place and a lower objective: descent in the nullspace.
 
-    Each step goes along the gradient's part that leaves the hand, joints at their ends taken out, puts the hand back,
-    and is kept where the objective fell; its length grows by half then, and else falls to a third.
+    Each step goes along the gradient's part that leaves the hand, joints at their ends taken out, puts the hand
+    back, and is kept where the objective fell; its length grows by half then, and else falls to a third.
 
     Args:
         objective: of q; differentiable.
@@ -86,7 +86,14 @@ def improve_pose(
         ranges: low and high end of every joint [rad].
         steps: tried.
     """
-    both = jax.value_and_grad(objective)
+
+    def both(q: Joints) -> tuple[Scalar, Joints]:
+        def twice(q: Joints) -> tuple[Scalar, Scalar]:
+            value = objective(q)
+            return value, value
+
+        slope, value = jax.jacfwd(twice, has_aux=True)(q)
+        return value, slope
 
     def descend(state: tuple[Joints, Scalar, Joints, Scalar]) -> tuple[Joints, Scalar, Joints, Scalar]:
         q, value, slope, length = state
