@@ -78,9 +78,10 @@ class Scaled(NamedTuple):
         size = numerics.safe_sqrt((design * design).sum((0, 1)) / design.shape[1])
         # An arm whose hand no joint moves has A = 0: every x is optimal, and any scale will do.
         divide = 1.0 / jnp.where(size > 0.0, size, 1.0)
-        design, target = numerics.once((design * divide, target * divide))
+        # One value each: jax 0.12 cannot transpose a barrier over values of which only some are differentiated.
+        design, target = numerics.once(design * divide), numerics.once(target * divide)
         hessian = (design[:, :, None] * design[:, None]).sum(0)
-        return cls(design, target, *numerics.once((hessian, lower / upper)))
+        return cls(design, target, numerics.once(hessian), numerics.once(lower / upper))
 
     def gradient(self, x: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         """Return Aᵀ(A x − b), the residual first: H x − Aᵀb would lose the digits that they share."""
