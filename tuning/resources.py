@@ -13,15 +13,16 @@ CONFIGS = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parent.parent / 
 
 def preset_path(name: object, place: str) -> Path:
     """Return the file of a joint preset; `place` names who asks for it in the error."""
-    return _choose("joints", name, place)
+    return choose("joints", name, place)
 
 
 def example_path(kind: object, place: str) -> Path:
     """Return the file of an example study."""
-    return _choose("studies", kind, place)
+    return choose("studies", kind, place)
 
 
-def _choose(folder: str, name: object, place: str) -> Path:
+def choose(folder: str, name: object, place: str) -> Path:
+    """Return a shipped file by its folder and name; `place` names who asks for it in the error."""
     known = {path.stem: path for path in sorted((CONFIGS / folder).glob("*.toml"))}
     if not isinstance(name, str) or name not in known:
         raise input_error(place, f"got {name!r}", f"allowed: {', '.join(known)}")

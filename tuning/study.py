@@ -209,12 +209,12 @@ def _check_kind(data: Mapping[str, Any], place: str) -> str:
     return kind
 
 
-def resolved(config: Base) -> dict[str, Any]:
+def resolved(config: Table) -> dict[str, Any]:
     """Return every table of a configuration, defaults written out, absent features left out."""
     return config.model_dump(exclude_none=True)
 
 
-def study_hash(config: Base) -> str:
+def study_hash(config: Table) -> str:
     """Return a hash of all that determines a study's results; its name and provenance do not."""
     tables = {k: v for k, v in resolved(config).items() if k not in {"name", "provenance"}}
     return hashlib.sha256(json.dumps(tables, sort_keys=True).encode()).hexdigest()[:16]
@@ -479,10 +479,11 @@ def _with_preset(data: dict[str, Any], place: str) -> dict[str, Any]:
     if not isinstance(joint, dict) or "preset" not in joint:
         return data
     own = {key: value for key, value in joint.items() if key != "preset"}
-    return data | {"joint": _merge(read_toml(preset_path(joint["preset"], f"{place}: joint.preset")), own)}
+    return data | {"joint": merge(read_toml(preset_path(joint["preset"], f"{place}: joint.preset")), own)}
 
 
-def _merge(base: dict[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+def merge(base: dict[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a preset's tables with those of a study in their place."""
     merged = dict(base)
     for key, value in override.items():
         inner = merged.get(key)
@@ -493,5 +494,5 @@ def _merge(base: dict[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
             and isinstance(value, Mapping)
             and value.get("type", inner.get("type")) == inner.get("type")
         ):
-            merged[key] = _merge(inner, value)
+            merged[key] = merge(inner, value)
     return merged

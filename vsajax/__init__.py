@@ -8,6 +8,8 @@ and, for controllers that damp by stiffness, ``score = metric(simulate(plant, co
 """
 
 from vsajax import (
+    arm_loop,
+    arms,
     closed_loop,
     control,
     estimated_loop,
@@ -46,6 +48,8 @@ __all__ = [
     "SwingScorer",
     "SwingScores",
     "Truth",
+    "arm_loop",
+    "arms",
     "closed_loop",
     "control",
     "estimate",

@@ -63,6 +63,11 @@ def scan[State](
     return state, jax.tree.map(lambda a, b: jnp.concatenate([a, b]), outputs, tail)
 
 
+def repeat[State](step: Callable[[State], State], state: State, *, times: int) -> State:
+    """Apply `step` a fixed number of times, as an iteration that converges does; nothing is kept on the way."""
+    return jax.lax.scan(lambda s, _: (step(s), None), state, None, length=times)[0]
+
+
 def map_lanes(
     function: Callable[..., PyTree], lanes: PyTree, shared: PyTree = None, *, chunk: int = LANES_PER_CHUNK
 ) -> PyTree:

@@ -8,7 +8,7 @@ from tuning.problem import Scenario, Stream, draw_scenarios
 from tuning.resources import CONFIGS
 from tuning.study import Study, load_study
 
-EXAMPLES = sorted((CONFIGS / "studies").glob("*.toml"))
+EXAMPLES = sorted(path for path in (CONFIGS / "studies").glob("*.toml") if path.stem != "arm")
 TUNED = sorted((CONFIGS / "tuned").glob("*.toml"))
 SERIAL, SEA, ANTAGONISTIC = (CONFIGS / "studies" / f"{kind}.toml" for kind in ("serial", "sea", "antagonistic"))
 RESIDUAL_PAIR = CONFIGS / "tuned" / "antagonistic_residual.toml"

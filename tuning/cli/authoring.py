@@ -16,7 +16,7 @@ from tuning.cli.options import JSON, QUIET, SETTINGS, STUDY, emit
 @JSON
 @QUIET
 def init(kind: str, file: Path | None, output: Path | None, as_json: bool, quiet: bool) -> None:
-    """Write a commented study of KIND (serial, sea, damping, …) that runs as it is, to FILE or KIND.toml.
+    """Write a commented study of KIND (serial, sea, damping, arm, …) that runs as it is, to FILE or KIND.toml.
 
     `vsajax init map LOG` proposes a signal map of LOG instead, from names and numbers, and explains each guess.
     """
@@ -64,10 +64,13 @@ def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bo
 @QUIET
 def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """Validate STUDY and print it in full, every default written out, with its hash."""
+    from tuning.arm.study import is_arm_study, load_arm_study
+    from tuning.schema import read_toml
     from tuning.study import Study, load_config, resolved, study_hash, to_toml
 
-    config = load_config(study, settings)
-    kind = "study" if isinstance(config, Study) else "estimator configuration"
+    is_arm = is_arm_study(read_toml(study))
+    config = load_arm_study(study, settings) if is_arm else load_config(study, settings)
+    kind = "study" if is_arm or isinstance(config, Study) else "estimator configuration"
     tables, digest = resolved(config), study_hash(config)
     emit(
         {"ok": True, "what": kind, "hash": digest, "study": tables},

@@ -9,6 +9,7 @@ from typing import NoReturn
 import click
 
 from tuning.cli import (
+    arms,
     authoring,
     bench,
     deployment,
@@ -42,6 +43,9 @@ for command in (
     populations.montecarlo,
     searches.tune,
     searches.compare,
+    arms.stiffness,
+    arms.workspace,
+    arms.poses,
     reports.report,
     results.reproduce,
     deployment.export,

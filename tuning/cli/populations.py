@@ -67,10 +67,28 @@ def montecarlo(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Score the estimator of STUDY over its [population]: quantiles, failure probabilities, what matters."""
+    """Score the estimator of STUDY over its [population]: quantiles, failure probabilities, what matters.
+
+    For an arm: what an error in its joints' stiffness costs at the hand.
+    """
+    from tuning.arm.study import is_arm_study
     from tuning.errors import input_error
+    from tuning.schema import read_toml
     from tuning.study import load_study
 
+    if is_arm_study(read_toml(study)):
+        from tuning.cli.arms import run_arm_accuracy
+
+        refused = {
+            "--precision": precision,
+            "--sensitivity": sensitivity,
+            "--dry-run": dry_run,
+            "--resume": resume,
+        }
+        given = [name for name, value in (refused | {"--executor": executor}).items() if value]
+        if given or workers or scheduler:
+            raise click.UsageError(f"{given[0] if given else '--workers'} does not go with a study of an arm")
+        return run_arm_accuracy(study, folder, scenarios, settings, seed, as_json, quiet)
     loaded = load_study(study, with_seed(settings, seed))
     if sensitivity & (sensitivity - 1):
         below = 1 << (sensitivity.bit_length() - 1)

@@ -1,7 +1,28 @@
-"""Controllers that damp a joint's oscillations; they know how a joint swings, never its model."""
+"""Controllers of joints, and the design of what they and the joints' mechanisms are set to."""
 
+from vsajax.control.active import fit_active, passive_scale
+from vsajax.control.active_set import ActiveSet
 from vsajax.control.base import AbstractController
+from vsajax.control.box import AbstractBoxSolver, BoxLeastSquares, BoxSolution
+from vsajax.control.designer import (
+    Status,
+    StiffnessDesign,
+    StiffnessDesigner,
+    StiffnessErrors,
+    stiffness_errors,
+)
+from vsajax.control.enumeration import Enumeration
+from vsajax.control.impedance import CartesianImpedance
+from vsajax.control.interior_point import InteriorPoint
 from vsajax.control.observers import ObservedController, SwingObserver
+from vsajax.control.passive import (
+    PassiveFit,
+    StiffnessBounds,
+    compliance_problem,
+    fit_passive,
+    hand_compliance,
+)
+from vsajax.control.pose import PoseSearch, improve_pose, reach
 from vsajax.control.position import BangBangPosition, PIDPosition
 from vsajax.control.rules import (
     AbstractRule,
@@ -11,22 +32,47 @@ from vsajax.control.rules import (
     RelativeThresholds,
     TimeLead,
 )
+from vsajax.control.spectrum import eigen, inverse
 from vsajax.control.stiffness import ConstantStiffness, Hold, SmoothStiffness, StiffnessSwitch
 
 __all__ = [
+    "AbstractBoxSolver",
     "AbstractController",
     "AbstractRule",
+    "ActiveSet",
     "BangBangPosition",
+    "BoxLeastSquares",
+    "BoxSolution",
+    "CartesianImpedance",
     "Conic",
     "ConstantStiffness",
     "DelayedRelease",
+    "Enumeration",
     "FixedThresholds",
     "Hold",
+    "InteriorPoint",
     "ObservedController",
     "PIDPosition",
+    "PassiveFit",
+    "PoseSearch",
     "RelativeThresholds",
     "SmoothStiffness",
+    "Status",
+    "StiffnessBounds",
+    "StiffnessDesign",
+    "StiffnessDesigner",
+    "StiffnessErrors",
     "StiffnessSwitch",
     "SwingObserver",
     "TimeLead",
+    "compliance_problem",
+    "eigen",
+    "fit_active",
+    "fit_passive",
+    "hand_compliance",
+    "improve_pose",
+    "inverse",
+    "passive_scale",
+    "reach",
+    "stiffness_errors",
 ]

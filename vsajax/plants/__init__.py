@@ -2,8 +2,10 @@
 
 from vsajax.plants.antagonistic import AntagonisticJoint, AntagonisticMotion
 from vsajax.plants.bodies import CoulombFriction, Link, Motor
+from vsajax.plants.compliant_arm import ArmMotion, CompliantArm
 from vsajax.plants.joints import AbstractJoint, FlexibleJoint, Motion, SerialJoint, Torques
 from vsajax.plants.mechanisms import AbstractMechanism, ArmLink, PlanarArm, SingleLink
+from vsajax.plants.preset_spring import PresetSpring
 from vsajax.plants.presets import awas, menard_cubic, qbmove, vsa_exponential
 from vsajax.plants.simulation import simulate
 from vsajax.plants.splitting import substeps_for
@@ -25,6 +27,8 @@ __all__ = [
     "AntagonisticJoint",
     "AntagonisticMotion",
     "ArmLink",
+    "ArmMotion",
+    "CompliantArm",
     "CoulombFriction",
     "CubicSpring",
     "ExponentialSpring",
@@ -38,6 +42,7 @@ __all__ = [
     "PlanarArm",
     "PolynomialSpring",
     "PositionMotor",
+    "PresetSpring",
     "SerialJoint",
     "SingleLink",
     "StiffnessActuator",

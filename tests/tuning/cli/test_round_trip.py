@@ -18,7 +18,7 @@ from tuning.sweep import Forecast, GridSweep
 from tuning.tune import Search
 from vsajax import Scores
 
-KINDS = sorted(path.stem for path in (CONFIGS / "studies").glob("*.toml"))
+KINDS = sorted(path.stem for path in (CONFIGS / "studies").glob("*.toml") if path.stem != "arm")
 BRIEF = ("--duration", "0.1")
 SHORT = [word for setting in SMALL for word in ("--set", setting)]
 MEASURED = ["link_position", "motor_position", "setpoint_position", "motor_torque", "elastic_torque"]

@@ -1,0 +1,120 @@
+"""Better poses for many targets, each from several starts."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from matplotlib.figure import Figure
+
+from tuning.arm.problem import ArmProblem
+from tuning.arm.study import ArmStudy
+from tuning.figures import ESTIMATE, OTHER, QUIET, new_figure, save
+from tuning.log_files import write_table
+from tuning.progress import Advance
+from vsajax import rollout
+from vsajax.control import PoseSearch, fit_passive, hand_compliance, improve_pose, inverse, reach, stiffness_errors
+
+_IN_PLACE = 1e-7
+
+
+def passive_error(problem: ArmProblem, positions: Float[Array, " joints"]) -> Array:
+    """Return the relative error of the best passive compliance at a pose: what a search makes small."""
+    desired, jacobian = inverse(problem.desired), problem.jacobian(positions)
+    fit = fit_passive(jacobian, desired, problem.bounds, problem.designer.solver)
+    return stiffness_errors(hand_compliance(jacobian, fit.compliance), desired).compliance
+
+
+@eqx.filter_jit
+def search(
+    problem: ArmProblem, starts: Float[Array, "lanes joints"], hands: Float[Array, "lanes 3"], steps: int
+) -> tuple[Array, Array, PoseSearch]:
+    """Return for each lane the start's shift and error, once the hand is in place, and the search."""
+    arrays, rest = eqx.partition(problem, eqx.is_array)
+
+    def one(lane: tuple[Array, Array], shared: Any) -> tuple[Array, Array, PoseSearch]:
+        own, (start, hand) = eqx.combine(shared, rest), lane
+        placed, shift = reach(own.arm, start, hand, own.ranges)
+        found = improve_pose(lambda q: passive_error(own, q), own.arm, placed, hand, own.ranges, steps=steps)
+        return shift, passive_error(own, placed), found
+
+    return rollout.map_lanes(one, (starts, hands), arrays)
+
+
+def improve_poses(
+    study: ArmStudy, problem: ArmProblem, advance: Advance
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return a row a target: the error at its own pose, from it and from the best start, and a summary.
+
+    Targets are the hand's positions at poses drawn from the joints' ranges. The first start of each is that pose;
+    the others are random and brought to the target; one that does not get there within 1e-7 m counts as no start.
+    """
+    rng = np.random.default_rng(study.seed)
+    began = time.perf_counter()
+    targets, starts = study.poses.targets, study.poses.starts
+    own = problem.draw(rng, targets)
+    hands = np.asarray(eqx.filter_vmap(lambda q: problem.arm.forward(q).position)(jnp.asarray(own)))
+    before, after, random, poses, shifts = [], [], [], [], []
+    for k in range(starts):
+        first = own if k == 0 else problem.draw(rng, targets)
+        shift, error, found = search(problem, jnp.asarray(first), jnp.asarray(hands), study.poses.steps)
+        counts = (np.asarray(shift) < _IN_PLACE) & np.isfinite(np.asarray(found.value))
+        before.append(np.where(counts, error, np.inf))
+        after.append(np.where(counts, found.value, np.inf))
+        random.append(counts)
+        poses.append(np.asarray(found.positions))
+        shifts.append(np.where(counts, found.shift, 0.0))
+        advance()
+    best = np.argmin(np.stack(after), axis=0)
+    chosen = np.stack(poses)[best, np.arange(targets)]
+    columns = {f"hand_{axis}": hands[:, i] for i, axis in enumerate("xyz")}
+    columns |= {
+        "own_error": before[0],
+        "own_search_error": after[0],
+        "best_start_error": np.min(before, axis=0),
+        "best_search_error": np.min(after, axis=0),
+        "starts_in_place": np.sum(random, axis=0),
+    }
+    columns |= {f"joint_{i + 1}_position": chosen[:, i] for i in range(chosen.shape[1])}
+    names = {
+        "own pose": "own_error",
+        "searched from the own pose": "own_search_error",
+        f"best of {starts} poses, not searched": "best_start_error",
+        f"searched from {starts} poses": "best_search_error",
+    }
+    summary = {
+        "targets": targets,
+        "starts": starts,
+        "in_place": int(np.sum(random)),
+        "median_error": {label: float(np.median(columns[name])) for label, name in names.items()},
+        "largest_shift": float(np.max(shifts)),
+        "seconds": time.perf_counter() - began,
+    }
+    return columns, summary
+
+
+def write_poses(columns: dict[str, np.ndarray], folder: Path) -> list[Path]:
+    """Write the targets and the picture into a folder."""
+    table = folder / "poses.parquet"
+    write_table(table, columns)
+    return [table, save(draw_poses(columns), folder / "poses.png")]
+
+
+def draw_poses(columns: dict[str, np.ndarray]) -> Figure:
+    """Draw how the errors of the targets are distributed, before and after."""
+    figure, axis = new_figure(6.4, 3.6)
+    for name, label, colour in (
+        ("own_error", "own pose", QUIET),
+        ("own_search_error", "searched from it", ESTIMATE),
+        ("best_search_error", "searched from several", OTHER),
+    ):
+        values = np.sort(100.0 * columns[name])
+        axis.plot(values, (np.arange(values.size) + 0.5) / values.size, color=colour, label=label)
+    axis.set(xlabel="passive compliance error [%]", ylabel="share of targets", ylim=(0.0, 1.0))
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+    return figure

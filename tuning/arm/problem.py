@@ -1,0 +1,130 @@
+"""An arm study made computable: from joint positions to a design, for one pose and for very many."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from tuning.arm.robots import build_arm
+from tuning.arm.study import ArmStudy, check_joints
+from tuning.errors import InputError
+from vsajax import rollout
+from vsajax.arms import SerialArm, scaled_rows, task_scale
+from vsajax.control import Status, StiffnessBounds, StiffnessDesign, StiffnessDesigner, stiffness_errors
+
+Joints = Float[Array, " joints"]
+
+
+class Outcome(NamedTuple):
+    """What a pose allows.
+
+    Args:
+        hand: its position [m].
+        joint_stiffness: [N·m/rad].
+        scale: factor on the passive compliances.
+        passive_stiffness_error: relative, of the joints alone.
+        passive_compliance_error: the same as compliances.
+        stiffness_error: relative, of joints and controller.
+        compliance_error: the same as compliances.
+        passive_share: tr C_p / tr C_d.
+        is_exact: whether the desired stiffness is met.
+        status: see `Status`.
+    """
+
+    hand: Float[Array, "3"]
+    joint_stiffness: Joints
+    scale: Float[Array, ""]
+    passive_stiffness_error: Float[Array, ""]
+    passive_compliance_error: Float[Array, ""]
+    stiffness_error: Float[Array, ""]
+    compliance_error: Float[Array, ""]
+    passive_share: Float[Array, ""]
+    is_exact: Array
+    status: Int[Array, ""]
+
+
+class ArmProblem(eqx.Module):
+    """The arm, what its hand should be like, and how that is designed."""
+
+    arm: SerialArm
+    ranges: Float[Array, "joints 2"]
+    desired: Float[Array, "m m"]
+    bounds: StiffnessBounds
+    designer: StiffnessDesigner
+    length: Float[Array, ""]
+
+    def jacobian(self, positions: Joints) -> Float[Array, "m joints"]:
+        """Return J in the task's coordinates, rotations scaled to displacements."""
+        whole = scaled_rows(self.arm.jacobian(positions), self.length)
+        return whole[: self.desired.shape[0]]
+
+    def design(self, positions: Joints) -> StiffnessDesign:
+        """Return joints and controller for a pose."""
+        return self.designer.design(self.jacobian(positions), self.desired, self.bounds)
+
+    def outcome(self, positions: Joints) -> Outcome:
+        """Return what a pose allows."""
+        design = self.design(positions)
+        passive, serial = (stiffness_errors(c, design.desired) for c in (design.passive, design.serial))
+        # A singular pose is infinitely stiff in some direction: the passive error as a stiffness has no value.
+        passive_stiffness = jnp.where(design.status == Status.SINGULAR, jnp.nan, passive.stiffness)
+        return Outcome(
+            self.arm.forward(positions).position,
+            design.joint_stiffness,
+            design.scale,
+            passive_stiffness,
+            passive.compliance,
+            serial.stiffness,
+            serial.compliance,
+            jnp.trace(design.passive) / jnp.trace(design.desired),
+            design.is_exact,
+            design.status,
+        )
+
+    def draw(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return joint positions drawn evenly from the joints' ranges, `(count, joints)` [rad]."""
+        low, high = np.asarray(self.ranges).T
+        return rng.uniform(low, high, (count, self.arm.joints))
+
+
+@eqx.filter_jit
+def outcomes(problem: ArmProblem, positions: Float[Array, "poses joints"]) -> Outcome:
+    """Return what many poses allow, on all cores."""
+    arrays, rest = eqx.partition(problem, eqx.is_array)
+    return rollout.map_lanes(lambda q, shared: eqx.combine(shared, rest).outcome(q), positions, arrays)
+
+
+def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
+    """Return the problem of a study; `path` is its file.
+
+    Raises:
+        InputError: the URDF cannot be read, or numbers do not fit its joints.
+    """
+    arm, ranges = build_arm(study.arm, str(path), path.parent)
+    mistakes = check_joints(study, arm.joints, str(path))
+    if mistakes:
+        raise InputError(*mistakes)
+    every = jnp.ones(arm.joints)
+    scale = task_scale(study.task.length)[: study.task.size]
+    controller = study.controller
+    return ArmProblem(
+        arm,
+        jnp.asarray(ranges),
+        jnp.asarray(study.task.matrix()) / (scale[:, None] * scale),
+        StiffnessBounds(jnp.asarray(study.joints.lower) * every, jnp.asarray(study.joints.upper) * every),
+        StiffnessDesigner(controller.max_stiffness, scaling=controller.scaling, clip=controller.clip),
+        jnp.asarray(study.task.length),
+    )
+
+
+def pose_of(study: ArmStudy, problem: ArmProblem) -> jax.Array:
+    """Return the study's pose [rad], by default the middle of the joints' ranges."""
+    if study.arm.pose_deg:
+        return jnp.deg2rad(jnp.asarray(study.arm.pose_deg))
+    return problem.ranges.mean(1)

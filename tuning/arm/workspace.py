@@ -1,0 +1,117 @@
+"""The stiffness that an arm can have, pose by pose over its workspace."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+from tuning.arm.problem import ArmProblem, outcomes
+from tuning.arm.study import ArmStudy
+from tuning.figures import ESTIMATE, OTHER, new_figure, save
+from tuning.log_files import write_table
+from vsajax.control import Status
+
+Columns = dict[str, np.ndarray]
+
+
+def map_workspace(study: ArmStudy, problem: ArmProblem) -> tuple[Columns, dict[str, Any]]:
+    """Return the outcome of every pose drawn, as columns, and a summary."""
+    positions = problem.draw(np.random.default_rng(study.seed), study.workspace.poses)
+    start = time.perf_counter()
+    found = outcomes(problem, jnp.asarray(positions))
+    values = {name: np.asarray(value) for name, value in found._asdict().items()}
+    elapsed = time.perf_counter() - start
+    columns: Columns = {f"joint_{i + 1}_position": positions[:, i] for i in range(positions.shape[1])}
+    columns |= {f"hand_{axis}": values["hand"][:, i] for i, axis in enumerate("xyz")}
+    stiffness = values["joint_stiffness"]
+    columns |= {f"joint_{i + 1}_stiffness": stiffness[:, i] for i in range(stiffness.shape[1])}
+    columns |= {name: value for name, value in values.items() if value.ndim == 1}
+    return columns, _summary(columns, elapsed)
+
+
+def _summary(columns: Columns, elapsed: float) -> dict[str, Any]:
+    status = columns["status"]
+    counted = {kind.name.lower(): int((status == kind).sum()) for kind in Status}
+    errors = [name for name in columns if name.endswith("_error")]
+    quantiles = {name: _quantiles(columns[name]) for name in errors}
+    return {
+        "poses": int(status.size),
+        "statuses": counted,
+        "exact_share": float(columns["is_exact"].mean()),
+        "quantiles": quantiles,
+        "seconds": elapsed,
+    }
+
+
+_LEVELS = (0.1, 0.5, 0.9)
+
+
+def _quantiles(values: np.ndarray) -> dict[str, float | None]:
+    kept = _finite(values)
+    return {f"{q:g}": float(np.quantile(kept, q)) if kept.size else None for q in _LEVELS}
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    return values[np.isfinite(values)]
+
+
+def write_workspace(study: ArmStudy, columns: Columns, folder: Path) -> list[Path]:
+    """Write the columns and the map into a folder."""
+    table = folder / "workspace.parquet"
+    write_table(table, columns)
+    return [table, save(draw_workspace(study, columns), folder / "workspace.png")]
+
+
+def draw_workspace(study: ArmStudy, columns: Columns) -> Figure:
+    """Draw the medians of the errors over the places that the hand can reach, and their distributions."""
+    figure, axes = new_figure(12.0, 3.9, 1, 3, width_ratios=(1.0, 1.0, 0.8))
+    shown = (
+        ("passive_compliance_error", "joints alone: compliance error"),
+        ("compliance_error", "with the controller: compliance error"),
+    )
+    across, up = (columns[f"hand_{axis}"] for axis in study.workspace.plane)
+    for axis, (name, title) in zip(axes, shown, strict=False):
+        values = 100.0 * columns[name]
+        kept = np.isfinite(values)
+        cells = study.workspace.cells
+        top = max(float(np.quantile(values[kept], 0.95)), 1e-9) if kept.any() else 1.0
+        drawn = axis.hexbin(
+            across[kept],
+            up[kept],
+            C=values[kept],
+            gridsize=cells,
+            reduce_C_function=np.median,
+            cmap="viridis_r",
+            vmin=0.0,
+            vmax=top,
+        )
+        axis.set(xlabel=f"{study.workspace.plane[0]} [m]", ylabel=f"{study.workspace.plane[1]} [m]", title=title)
+        axis.set_aspect("equal")
+        axis.grid(False)
+        figure.colorbar(drawn, ax=axis, label="median of the poses there [%]", shrink=0.85)
+    _draw_distribution(axes[2], columns)
+    return figure
+
+
+def _draw_distribution(axis: Any, columns: Columns) -> None:
+    for name, label, colour, style in (
+        ("passive_compliance_error", "joints alone, compliance", ESTIMATE, "-"),
+        ("passive_stiffness_error", "joints alone, stiffness", ESTIMATE, "--"),
+        ("compliance_error", "with controller, compliance", OTHER, "-"),
+        ("stiffness_error", "with controller, stiffness", OTHER, "--"),
+    ):
+        values = np.sort(_finite(100.0 * columns[name]))
+        if values.size:
+            shares = (np.arange(values.size) + 0.5) / values.size
+            axis.plot(np.maximum(values, _SMALLEST), shares, style, color=colour, label=label)
+    axis.set_xscale("log")
+    axis.set(xlabel=f"relative error, at least {_SMALLEST:g} [%]", ylabel="share of poses", ylim=(0.0, 1.0))
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8, ncols=2)
+
+
+_SMALLEST = 1e-3

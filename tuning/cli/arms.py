@@ -1,0 +1,139 @@
+"""The Cartesian stiffness of arms: one pose, a workspace, better poses, what accuracy costs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tuning.cli.options import JSON, QUIET, RUN, SEED, SETTINGS, STUDY, emit, table, with_seed
+
+if TYPE_CHECKING:
+    from tuning.arm.problem import ArmProblem
+    from tuning.arm.study import ArmStudy
+
+
+def _open(path: Path, settings: tuple[str, ...], seed: int | None) -> tuple[ArmStudy, ArmProblem]:
+    from tuning.arm.study import load_arm_study
+
+    study = load_arm_study(path, with_seed(settings, seed))
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.arm.problem import build_problem
+
+    return study, build_problem(study, path)
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None or value != value else f"{100.0 * value:.4g} %"
+
+
+@click.command(epilog="Example: vsajax stiffness arm.toml --set arm.pose_deg=[30,-20,10,90]")
+@STUDY
+@SETTINGS
+@JSON
+@QUIET
+def stiffness(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
+    """Design joints and controller for the pose of STUDY; exit 1 where the pose allows no design that meets it."""
+    loaded, problem = _open(study, settings, None)
+    from tuning.arm.single import design_pose
+
+    result = design_pose(loaded, problem)
+    emit(result.as_tables(), as_json=as_json, quiet=quiet, text=result.as_text)
+    if not result.ok:
+        raise click.exceptions.Exit(1)
+
+
+@click.command(epilog="Example: vsajax workspace arm.toml -o runs/workspace")
+@STUDY
+@RUN
+@SETTINGS
+@SEED
+@JSON
+@QUIET
+def workspace(
+    study: Path, folder: Path, settings: tuple[str, ...], seed: int | None, as_json: bool, quiet: bool
+) -> None:
+    """Map the stiffness that the arm of STUDY can have over its workspace."""
+    loaded, problem = _open(study, settings, seed)
+    from tuning.arm.workspace import map_workspace, write_workspace
+
+    columns, summary = map_workspace(loaded, problem)
+    files = write_workspace(loaded, columns, folder)
+
+    def text() -> str:
+        rows = [
+            [name.replace("_", " "), *(_percent(value) for value in quantiles.values())]
+            for name, quantiles in summary["quantiles"].items()
+        ]
+        counted = ", ".join(f"{count} {name}" for name, count in summary["statuses"].items() if count)
+        return "\n".join(
+            [
+                table(["relative error", "10 %", "median", "90 %"], rows),
+                f"{summary['poses']} poses in {summary['seconds']:.1f} s: {counted}",
+                f"the desired stiffness is met exactly in {100.0 * summary['exact_share']:.1f} % of them",
+                *(f"wrote {file}" for file in files),
+            ]
+        )
+
+    emit({"run": folder, "files": files} | summary, as_json=as_json, quiet=quiet, text=text)
+
+
+@click.command(epilog="Example: vsajax poses arm.toml -o runs/poses")
+@STUDY
+@RUN
+@SETTINGS
+@SEED
+@JSON
+@QUIET
+def poses(
+    study: Path, folder: Path, settings: tuple[str, ...], seed: int | None, as_json: bool, quiet: bool
+) -> None:
+    """Search poses with the hand where it is whose joints alone fit the stiffness better."""
+    loaded, problem = _open(study, settings, seed)
+    from tuning.arm.poses import improve_poses, write_poses
+    from tuning.progress import progress
+
+    with progress("poses", loaded.poses.starts, quiet=quiet or as_json) as advance:
+        columns, summary = improve_poses(loaded, problem, advance)
+    files = write_poses(columns, folder)
+
+    def text() -> str:
+        rows = [[name, _percent(value)] for name, value in summary["median_error"].items()]
+        return "\n".join(
+            [
+                table(["median over targets of the passive compliance error", ""], rows),
+                f"{summary['targets']} targets, {summary['starts']} starts, {summary['seconds']:.1f} s; "
+                f"hand held to {summary['largest_shift']:.1e} m",
+                *(f"wrote {file}" for file in files),
+            ]
+        )
+
+    emit({"run": folder, "files": files} | summary, as_json=as_json, quiet=quiet, text=text)
+
+
+def run_arm_accuracy(
+    study: Path, folder: Path, draws: int, settings: tuple[str, ...], seed: int | None, as_json: bool, quiet: bool
+) -> None:
+    """Do `vsajax montecarlo` for an arm: what an error in the joints' stiffness costs at the hand."""
+    loaded, problem = _open(study, settings, seed)
+    from tuning.arm.accuracy import run_accuracy, summarise, write_accuracy
+
+    columns = run_accuracy(loaded, problem, study, draws)
+    files, rows = write_accuracy(columns, folder), summarise(columns)
+
+    def text() -> str:
+        shown: list[list[Any]] = [
+            [
+                row["msrep"],
+                *(_percent(row[f"stiffness_error_{q}"]) for q in ("median", "q95")),
+                *(_percent(row[f"stiffness_change_{q}"]) for q in ("median", "q95")),
+            ]
+            for row in rows
+        ]
+        headers = ["joints' MSREP [%]", "hand against desired", "95 %", "hand against designed", "95 %"]
+        return "\n".join([table(headers, shown), *(f"wrote {file}" for file in files)])
+
+    emit({"run": folder, "files": files, "levels": rows}, as_json=as_json, quiet=quiet, text=text)
