@@ -161,7 +161,9 @@ def find_rest(time: np.ndarray, deflection: np.ndarray, torque: np.ndarray) -> R
     first = max(int(np.searchsorted(time, time[0] + _SHORTEST_REST)), _FEWEST_AT_REST)
     end = len(time)
     for values in (deflection, torque):
-        limit = max(_MOVES * float(np.ptp(values)), _NOISE * float(np.std(values[:first])))
+        # Of differences, so that a slow movement does not pass for noise.
+        noise = float(np.std(np.diff(values[:first]))) / math.sqrt(2.0)
+        limit = max(_MOVES * float(np.ptp(values)), _NOISE * noise)
         moved = np.abs(values - np.median(values[:first])) > limit
         if moved.any():
             end = min(end, int(np.argmax(moved)))

@@ -47,7 +47,8 @@ def test_degrees_taken_for_radians_are_named(tmp_path, signals):
 
 def test_an_encoders_step_tells_degrees_from_radians(tmp_path):
     log = "time,deflection,elastic_torque\n" + "".join(
-        f"{0.002 * i:.3f},{360 / 4096 * round(8 * np.sin(0.05 * i))!r},{float(np.sin(0.05 * i))!r}\n" for i in range(300)
+        f"{0.002 * i:.3f},{360 / 4096 * round(8 * np.sin(0.05 * i))!r},{float(np.sin(0.05 * i))!r}\n"
+        for i in range(300)
     )
     path = tmp_path / "log.csv"
     path.write_text(log)
