@@ -15,6 +15,8 @@ from tuning.logs import RecordingTable
 
 _MOVES = 0.05
 """Share of its range by which a signal that leaves rest has moved."""
+_CORRELATED = 3.0
+"""Most times that filtered noise exceeds what its differences tell."""
 _NOISE = 6.0
 """Standard deviations at rest, which noise hardly ever leaves."""
 _SHORTEST_REST = 0.25
@@ -161,8 +163,9 @@ def find_rest(time: np.ndarray, deflection: np.ndarray, torque: np.ndarray) -> R
     first = max(int(np.searchsorted(time, time[0] + _SHORTEST_REST)), _FEWEST_AT_REST)
     end = len(time)
     for values in (deflection, torque):
-        # Of differences, so that a slow movement does not pass for noise.
-        noise = float(np.std(np.diff(values[:first]))) / math.sqrt(2.0)
+        # Bounded by that of differences, so that a slow movement does not pass for noise.
+        rough = float(np.std(np.diff(values[:first]))) / math.sqrt(2.0)
+        noise = min(float(np.std(values[:first])), _CORRELATED * rough)
         limit = max(_MOVES * float(np.ptp(values)), _NOISE * noise)
         moved = np.abs(values - np.median(values[:first])) > limit
         if moved.any():

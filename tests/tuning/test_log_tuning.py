@@ -142,6 +142,7 @@ def test_from_voltage_and_hub_encoder_alone_the_residual_is_the_flexible_links_d
 
 @pytest.mark.real
 @pytest.mark.cli
+@pytest.mark.slow
 @pytest.mark.skipif(not PENDULUM.is_file(), reason=f"DFKI's recording is not in {PENDULUM}")
 def test_a_rigid_joint_shows_nothing_beyond_its_stated_noise_floor(vsajax, tmp_path):
     study, run = CONFIGS / "logs" / "dfki_pendulum_tune.toml", tmp_path / "run"
