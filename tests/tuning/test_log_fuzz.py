@@ -22,9 +22,9 @@ from tuning.study import load_config
 FEW, MANY = 60, 7000
 DEGREES = 180.0 / np.pi
 STUDIES = sorted(
-    [*CONFIGS.glob("studies/*.toml"), *CONFIGS.glob("tuned/*.toml"), *CONFIGS.glob("logs/*_tune.toml")]
+    [*CONFIGS.glob("studies/*.toml"), *CONFIGS.glob("tuned/*.toml"), *CONFIGS.glob("log_studies/*.toml")]
 )
-MAPS = sorted(path for path in CONFIGS.glob("logs/*.toml") if not path.stem.endswith("_tune"))
+MAPS = sorted(CONFIGS.glob("logs/*.toml"))
 VALUES = ["-1", "0", "1e400", "nan", '"x"', "[]", "{}", "true", "1e308", "[1, 2]", "-0.0", "{a = 1}"]
 
 seeds = st.integers(0, 2**32 - 1)

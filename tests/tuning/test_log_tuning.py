@@ -118,7 +118,7 @@ def test_mistakes_are_named_and_nothing_is_written(vsajax, tmp_path, change, wor
     not QUANSER.is_file(), reason=f"Quanser's recordings may not be shipped and are not in {QUANSER}"
 )
 def test_from_voltage_and_hub_encoder_alone_the_residual_is_the_flexible_links_deflection(vsajax, tmp_path):
-    study, run = CONFIGS / "logs" / "quanser_flex_tune.toml", tmp_path / "run"
+    study, run = CONFIGS / "log_studies" / "quanser_flex.toml", tmp_path / "run"
     signal_map = CONFIGS / "logs" / "quanser_flex.toml"
     words = ("--set", f"recording.file={QUANSER}", "--set", f"recording.map={signal_map}")
     ended = vsajax("tune", study, "-o", run, *words, "--json")
@@ -145,7 +145,7 @@ def test_from_voltage_and_hub_encoder_alone_the_residual_is_the_flexible_links_d
 @pytest.mark.slow
 @pytest.mark.skipif(not PENDULUM.is_file(), reason=f"DFKI's recording is not in {PENDULUM}")
 def test_a_rigid_joint_shows_nothing_beyond_its_stated_noise_floor(vsajax, tmp_path):
-    study, run = CONFIGS / "logs" / "dfki_pendulum_tune.toml", tmp_path / "run"
+    study, run = CONFIGS / "log_studies" / "dfki_pendulum.toml", tmp_path / "run"
     signal_map = CONFIGS / "logs" / "dfki_pendulum.toml"
     words = ("--set", f"recording.file={PENDULUM}", "--set", f"recording.map={signal_map}")
     ended = vsajax("tune", study, "-o", run, *words, "--json")
