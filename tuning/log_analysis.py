@@ -234,7 +234,9 @@ def _describe(line: Characteristic) -> str:
         )
     if line.is_line:
         return share
-    found = ", ".join(line.causes).upper() or "neither a curve nor hysteresis explains the rest"
+    if not line.causes:
+        return f"{share}. What is left is neither a curve nor hysteresis: noise, or errors of the torque signal"
+    found = ", ".join(line.causes).upper()
     loop = trend = ""
     if "hysteresis" in line.causes:
         loop = f", a loop {line.width:.3g} N·m wide, loss factor {line.loss_factor:.2g}"
