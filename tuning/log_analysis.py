@@ -15,6 +15,8 @@ from tuning.logs import RecordingTable
 
 _MOVES = 0.05
 """Share of its range by which a signal that leaves rest has moved."""
+_CORRELATED = 3.0
+"""Most times that filtered noise exceeds what its differences tell."""
 _NOISE = 6.0
 """Standard deviations at rest, which noise hardly ever leaves."""
 _SHORTEST_REST = 0.25
@@ -161,7 +163,10 @@ def find_rest(time: np.ndarray, deflection: np.ndarray, torque: np.ndarray) -> R
     first = max(int(np.searchsorted(time, time[0] + _SHORTEST_REST)), _FEWEST_AT_REST)
     end = len(time)
     for values in (deflection, torque):
-        limit = max(_MOVES * float(np.ptp(values)), _NOISE * float(np.std(values[:first])))
+        # Bounded by that of differences, so that a slow movement does not pass for noise.
+        rough = float(np.std(np.diff(values[:first]))) / math.sqrt(2.0)
+        noise = min(float(np.std(values[:first])), _CORRELATED * rough)
+        limit = max(_MOVES * float(np.ptp(values)), _NOISE * noise)
         moved = np.abs(values - np.median(values[:first])) > limit
         if moved.any():
             end = min(end, int(np.argmax(moved)))
@@ -229,7 +234,9 @@ def _describe(line: Characteristic) -> str:
         )
     if line.is_line:
         return share
-    found = ", ".join(line.causes).upper() or "neither a curve nor hysteresis explains the rest"
+    if not line.causes:
+        return f"{share}. What is left is neither a curve nor hysteresis: noise, or errors of the torque signal"
+    found = ", ".join(line.causes).upper()
     loop = trend = ""
     if "hysteresis" in line.causes:
         loop = f", a loop {line.width:.3g} N·m wide, loss factor {line.loss_factor:.2g}"

@@ -66,7 +66,10 @@ def draw_clock(time: np.ndarray, clock: ClockReport) -> Figure:
     if is_gap.any():
         axis.plot(time[1:][is_gap], steps[is_gap], "x", color=OTHER, markersize=5, label="gaps")
     axis.axhline(1e3 * clock.median, linestyle="--", color=TRUTH, linewidth=1, label="median")
-    axis.set_yscale("log")
+    if steps.max() > 3.0 * steps.min():
+        axis.set_yscale("log")
+    else:
+        axis.set_ylim(0.0, 1.3 * float(steps.max()))
     axis.set_xlabel("time [s]")
     axis.set_ylabel("time step [ms]")
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=8)

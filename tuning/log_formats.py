@@ -48,14 +48,15 @@ def read_streams(path: Path) -> list[LogFile]:
         return [read_log_file(path)]
     if not path.is_dir():
         check_readable(path)
-    read: Callable[[Path], list[LogFile]] = importlib.import_module(_READERS[suffix]).read
     try:
+        read: Callable[[Path], list[LogFile]] = importlib.import_module(_READERS[suffix]).read
         streams = read(path)
     except InputError:
         raise
     except ImportError as error:
+        package = (error.name or "").partition(".")[0]
         raise input_error(
-            path, f"needs the package {error.name} to be read", "install it: pip install 'vsajax[logs]'"
+            path, f"needs the package {package} to be read", "install it: pip install 'vsajax[logs]'"
         ) from None
     # A damaged file may make its parser fail anyhow; none of it is the user's to read.
     except Exception as error:

@@ -6,6 +6,10 @@ becomes ``out.time`` and ``out.signals.values``.
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,40 +29,34 @@ def read(path: Path) -> list[LogFile]:
         start = file.read(2048)
     # MATLAB puts 512 bytes of text before the HDF5 file.
     columns = _read_hdf5(path) if _HDF5 in start else _read_binary(path)
+    if not columns:
+        raise input_error(
+            path,
+            "holds no arrays of numbers; timeseries, tables and other objects only MATLAB itself reads",
+            "in MATLAB: log.time = ts.Time; log.speed = ts.Data; save('log.mat', 'log')",
+        )
     return group_by_length(path, columns)
 
 
 def _read_binary(path: Path) -> dict[str, np.ndarray]:
-    from scipy.io import loadmat
-
-    found: dict[str, np.ndarray] = {}
-    variables = loadmat(path, squeeze_me=True, struct_as_record=False)
-    opaque = "None" in variables or "__function_workspace__" in variables
-    for name, value in variables.items():
-        if not name.startswith("__") and name != "None":
-            _flatten(name, value, found)
-    if opaque and not found:
-        raise input_error(
-            path,
-            "holds MATLAB objects only, such as timeseries or tables, which no other program reads",
-            "in MATLAB: log.time = ts.Time; log.speed = ts.Data; save('log.mat', 'log')",
-        )
-    return found
-
-
-def _flatten(name: str, value: Any, found: dict[str, np.ndarray]) -> None:
-    if hasattr(value, "_fieldnames"):
-        for field in value._fieldnames:
-            _flatten(f"{name}.{field}", getattr(value, field), found)
-    elif isinstance(value, np.ndarray) and value.dtype != object:
-        found.update(split_matrix(value, name, _column))
-    elif isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= 64:
-        for number, element in enumerate(value, 1):
-            _flatten(f"{name}({number})", element, found)
+    with tempfile.TemporaryDirectory() as folder:
+        archive = Path(folder) / "columns.npz"
+        command = [sys.executable, "-m", "tuning.log_mat_child", str(path.resolve()), str(archive)]
+        # The package itself may be a checkout that only this process has on its path.
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        if ended.returncode:
+            said = ended.stderr.strip().splitlines()
+            crashed = ended.returncode < 0 or not said
+            raise ValueError("its parser crashed" if crashed else said[-1])
+        with np.load(archive) as columns:
+            return {name: columns[name] for name in columns.files}
 
 
 def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
     import h5py
+
+    from tuning.log_mat_child import column_name
 
     found: dict[str, np.ndarray] = {}
 
@@ -75,12 +73,8 @@ def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
                 and not item.attrs.get("MATLAB_empty", 0)
             ):
                 # HDF5 has MATLAB's columns as rows.
-                found.update(split_matrix(np.asarray(item[...]).T, f"{prefix}{name}", _column))
+                found.update(split_matrix(np.asarray(item[...]).T, f"{prefix}{name}", column_name))
 
     with h5py.File(path) as file:
         walk("", file)
     return found
-
-
-def _column(number: int, is_wide: bool) -> str:
-    return f"({number + 1},:)" if is_wide else f"(:,{number + 1})"

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from scipy import stats
 
 from tuning.build import build_estimator, number
-from tuning.errors import InputError, input_error
+from tuning.errors import InputError, Mistake, input_error
 from tuning.log_files import write_table
 from tuning.log_study import LogStudy, tuned_config
 from tuning.logs import RecordingTable, read_recording
@@ -134,14 +134,16 @@ class LogSearch:
         """
         torque, deflection = self.signals(self.space.constrain(z), given)
         share = given.chosen / jnp.sum(given.chosen)
+        # Apart from the sums below: the root of a quotient of 0 has no derivative.
+        weight = 10.0 * jnp.sqrt(share)
         if self.study.tune.objective == "no_load":
             drive = given.estimator.torque.gear_ratio * given.recording.motor_torque
-            return 10.0 * torque * jnp.sqrt(share / jnp.sum(share * drive**2))
+            return weight * torque / jnp.sqrt(jnp.sum(share * drive**2))
         torque, deflection = (x - jnp.sum(share * x) for x in (torque, deflection))
         slope = jnp.sum(share * torque * deflection) / jnp.sum(share * deflection**2)
         # A line that falls explains nothing: a spring's torque grows with its deflection.
         left = torque - jnp.maximum(slope, 0.0) * deflection
-        return 10.0 * left * jnp.sqrt(share / jnp.sum(share * torque**2))
+        return weight * left / jnp.sqrt(jnp.sum(share * torque**2))
 
     def objective(self, z: Vector, given: Given) -> Float[Array, ""]:
         """Return the objective [%]."""
@@ -255,12 +257,8 @@ def plan_log_search(study: LogStudy, place: str) -> LogSearch:
     )
     lacking = sorted(study.estimator.needs - table.columns.keys())
     if lacking:
-        raise InputError(
-            *(
-                input_error(f"{place}: {n}", "is missing, but the estimator needs it", "map it").mistakes[0]
-                for n in lacking
-            )
-        )
+        problem = "is missing, but the estimator needs this signal"
+        raise InputError(*(Mistake(f"{table.source}: {name}", problem, "record or map it") for name in lacking))
     if study.tune.objective == "no_load" and "motor_torque" not in study.estimator.needs:
         raise input_error(
             f"{place}: tune.objective",

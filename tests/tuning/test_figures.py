@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 from tests.tuning.builders import FORGETTING, GAIN, PRIOR
 from tuning.errors import InputError
 from tuning.figures import draw_estimate, draw_recording, draw_sweep, draw_tuning, save
+from tuning.log_clock import ClockReport
 from tuning.logs import RecordingTable
+from tuning.signal_map import canonical_map
 from tuning.single import Answer
 
 TIME = np.linspace(0.0, 1.0, 50)
@@ -48,6 +50,12 @@ def reads_well(figure: Figure, tmp_path) -> bytes:
     return written
 
 
+def table_of(columns: dict[str, np.ndarray]) -> RecordingTable:
+    """Return columns as a recording read from a canonical log."""
+    signal_map = canonical_map("sea", {"deflection", "elastic_torque"})
+    return RecordingTable(columns, "sea", "log.csv", (), signal_map, ClockReport(1e-3, 1e-3, (), 0.0))
+
+
 @pytest.mark.parametrize("columns", [SIGNALS | TRUTH, SIGNALS, DEFLECTION], ids=["simulated", "serial", "sea"])
 def test_a_recording_is_drawn_signal_by_signal(columns, tmp_path):
     figure = draw_recording(columns, title="rec")
@@ -77,7 +85,7 @@ def test_an_estimate_is_drawn_with_its_band_and_what_is_not_known(known, truth, 
         "deflection": 1e-3 * np.sin(TIME),
         "known": KNOWN[known],
     }
-    table = RecordingTable(DEFLECTION | truth, "sea", "log.csv", ())
+    table = table_of(DEFLECTION | truth)
     figure = draw_estimate(Answer(columns, {}, []), table, title="log.csv")
     reads_well(figure, tmp_path)
     legend = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
@@ -93,7 +101,7 @@ def test_an_estimate_that_is_not_finite_or_never_moved_is_drawn_all_the_same(val
     nothing = np.full_like(TIME, value)
     columns = {name: nothing for name in ("stiffness", "stiffness_std", "elastic_torque", "torque")}
     columns |= {"time": TIME, "deflection": TIME, "known": TIME < 0.0}
-    table = RecordingTable(DEFLECTION, "sea", "log.csv", ())
+    table = table_of(DEFLECTION)
     reads_well(draw_estimate(Answer(columns, {}, []), table, title="log.csv"), tmp_path)
 
 

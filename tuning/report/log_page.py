@@ -60,8 +60,11 @@ def _headline(summary: Mapping[str, Any], analysis: Analysis | None) -> str:
         said = f"Stiffness {number(summary['final_stiffness'])} N·m/rad [{number(low)}, {number(high)}]{doubt}."
     line = None if analysis is None else analysis.characteristic
     if line is not None and not line.is_line:
-        causes = " and ".join(line.causes) or "no cause that is known here"
-        said += f" One number does not describe it, R² {line.r_squared:.3f}: {causes}."
+        if line.causes:
+            causes = " and ".join(line.causes)
+            said += f" One number does not describe it, R² {line.r_squared:.3f}: {causes}."
+        else:
+            said += f" R² {line.r_squared:.3f}: the rest is noise, or errors of the torque signal."
     faults = summary["faults"]
     if faults:
         said += f" Something is wrong with the log: {', '.join(dict.fromkeys(f['name'] for f in faults))}."

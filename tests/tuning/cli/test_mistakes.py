@@ -152,8 +152,10 @@ def test_a_file_that_holds_no_recording_is_named(refused, tmp_path):
 
 @pytest.mark.failure
 @pytest.mark.cli
-def test_a_signal_that_the_estimator_needs_is_looked_for_before_it_runs(refused):
-    signal_map = CONFIGS / "logs" / "hebi.toml"
+def test_a_signal_that_the_estimator_needs_is_looked_for_before_it_runs(refused, tmp_path):
+    text = (CONFIGS / "logs" / "hebi.toml").read_text()
+    signal_map = tmp_path / "hebi.toml"
+    signal_map.write_text(text[: text.index("[signals.motor_position]")])
     message = refused("estimate", HEBI, "-c", CONFIG, "--map", signal_map, "--set", "estimator.deflection=raw")
     assert f"{HEBI}: motor_position: is missing, but the estimator needs this signal" in message
     assert "record or map it" in message
