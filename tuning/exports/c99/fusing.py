@@ -1,7 +1,7 @@
 """Long loops over the same range become one, and arrays that only live within it become numbers.
 
-Without it, what a window's weights are made of would stand in memory as whole arrays. Long sums over one range share
-a loop too: a processor adds several at a time, where one alone waits for each addition.
+Without it, what a window's weights are made of would stand in memory as whole arrays. Long sums over one range
+share a loop too: a processor adds several at a time, where one alone waits for each addition.
 """
 
 from __future__ import annotations
