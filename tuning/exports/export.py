@@ -50,6 +50,10 @@ def export_config(
         InputError: the configuration is not valid or cannot be exported so, or the folder cannot be written.
     """
     config = load_config(path, settings)
+    if getattr(config, "estimator", None) is None:
+        raise input_error(
+            path, f"kind {config.kind!r} has no estimator to export", "name a study with [estimator]"
+        )
     _check_folder_is_free(folder, target)
     try:
         program = estimator_program(config)
