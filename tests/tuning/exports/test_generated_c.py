@@ -133,10 +133,8 @@ def test_the_harness_sees_a_wrong_answer(tmp_path):
 @needs_compiler
 @pytest.mark.equivalence
 @pytest.mark.contract
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[] if name == "model" else pytest.mark.slow) for name in ESTIMATORS],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ESTIMATORS)
 def test_every_estimator_is_the_same_in_c(name, tmp_path):
     estimator = ESTIMATORS[name]
     program = program_of(estimator, name="one", title=name)
