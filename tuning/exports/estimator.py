@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from tuning.build import build_estimator
+from tuning.exports.c99.naming import RESERVED
 from tuning.exports.flatten import flatten
 from tuning.exports.program import StepProgram, trace
 from tuning.study import Config
@@ -24,7 +25,9 @@ def estimator_program(config: Config) -> StepProgram:
     Raises:
         Untraceable: it cannot leave Python.
     """
-    title = f"{config.name}: stiffness estimator of a joint of kind {config.kind}"
+    # The title stands in comments of C and YAML.
+    name = " ".join(config.name.replace("*/", "").split())
+    title = f"{name}: stiffness estimator of a joint of kind {config.kind}"
     return program_of(build_estimator(config), name=identifier_of(config.name), title=title)
 
 
@@ -77,6 +80,6 @@ def sample_of(names: frozenset[str] | tuple[str, ...]) -> Sample:
 
 
 def identifier_of(name: str) -> str:
-    """Return a configuration's name as an identifier of C and FMI."""
+    """Return a configuration's name as an identifier of C and FMI that means nothing else there."""
     clean = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
-    return clean if clean and clean[0].isalpha() else f"estimator_{clean}".rstrip("_")
+    return clean if clean[:1].isalpha() and clean not in RESERVED else f"joint_{clean}".rstrip("_")

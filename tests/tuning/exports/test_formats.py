@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, SERIAL, SMALL, TINY
@@ -80,6 +81,31 @@ def test_every_format_of_every_joint_holds_over_ten_seconds(vsajax, target, join
     allowed = ("not installed", "irregular")
     assert all(any(word in what for word in allowed) for what in lacking), lacking
     assert vsajax("export", tmp_path, "--check").code == 0
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.cli
+@pytest.mark.equivalence
+@pytest.mark.parametrize("target", ["fmi2", "fmi3"])
+def test_a_parameter_of_an_fmu_is_the_one_of_the_study(vsajax, target, tmp_path):
+    fmpy = pytest.importorskip("fmpy")
+    one, other = tmp_path / "one", tmp_path / "other"
+    brief = ("--duration", "0.3")
+    exported(vsajax, target, one, *brief)
+    changed = ("--set", "estimator.fit.prior_scale=0.01", "--set", "estimator.basis.deflection_scale=0.5")
+    exported(vsajax, target, other, *brief, *changed)
+    table = np.genfromtxt(other / "golden.csv", delimiter=",", names=True, deletechars="")
+    signals = table[["time", "link_position", "motor_position", "elastic_torque"]]
+    values = {"fit.prior_scale": 0.01, "basis.deflection_scale": 0.5}
+    options = {"step_size": 1e-3, "output_interval": 1e-3, "stop_time": float(table["time"][-1])}
+    options |= {"input": signals, "output": ["out.stiffness"]}
+    own = fmpy.simulate_fmu(str(one / "awas.fmu"), **options)
+    tuned = fmpy.simulate_fmu(str(one / "awas.fmu"), start_values=values, **options)
+    recorded = table["out.stiffness"][: len(tuned) - 1]
+    typical = np.median(np.abs(recorded))
+    assert np.max(np.abs(tuned["out.stiffness"][1:] - recorded)) < 1e-9 * typical
+    assert np.max(np.abs(own["out.stiffness"][1:] - recorded)) > 1e-6 * typical
 
 
 @needs_compiler

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from tests.tuning.exports.native import answers_of, needs_compiler, replay
+from tests.vsajax.estimators.parts import BASES, LAWS
 from tests.vsajax.estimators.registry import ESTIMATORS, full_recording
 from tuning.exports.c99.files import write
 from tuning.exports.c99.generate import generate
 from tuning.exports.estimator import inputs_of, program_of
 from tuning.exports.flatten import Untraceable
 from tuning.exports.program import trace
-from vsajax import Recording
+from vsajax import Recording, plants
+from vsajax import estimators as es
 from vsajax.numerics import once
 from vsajax.types import as_leaf
 
@@ -130,15 +132,44 @@ def test_the_harness_sees_a_wrong_answer(tmp_path):
     assert replay(program, golden, tmp_path)["values[0]"] > 1e-8
 
 
+def plain(torque=None, basis=None, law=None) -> es.StiffnessEstimator:
+    """Return an estimator of few parts around the one that is tried."""
+    fit = es.RecursiveLeastSquares(1e3, law or es.UnitFactor())
+    return es.StiffnessEstimator(
+        torque or es.SensorTorque(), basis or es.Taylor(0.1, order=1), fit, deflection="raw"
+    )
+
+
+def windowed(quadrature: str) -> es.AlgebraicObserver:
+    """Return an observer whose window has another quadrature."""
+    fit, basis = es.RecursiveLeastSquares(1e3), es.Taylor(0.1, order=1)
+    options = {"quadrature": quadrature, "weighting": "continuous", "start": "zeros"}
+    return es.AlgebraicObserver(1e-4, 1.27, 0.02, basis, fit, longest_window=0.02, **options)
+
+
+SPRINGS = {
+    "linear": plants.LinearSpring(100.0),
+    "polynomial": plants.PolynomialSpring([80.0, 100.0, 30.0]),
+    "exponential": plants.ExponentialSpring(2.0, 3.0),
+    "hyperbolic": plants.HyperbolicSpring(2.0, 3.0),
+    "lever": plants.LeverSpring(7e3, 0.1, 4e-4),
+}
+PARTS = {
+    **{f"basis {name}": plain(basis=basis) for name, basis in BASES.items()},
+    **{f"law {name}": plain(law=law) for name, law in LAWS.items()},
+    **{f"spring {name}": plain(es.ModelTorque(spring)) for name, spring in SPRINGS.items()},
+    "friction": plain(es.ResidualTorque(100.0, 1e-4, 1e-3, friction_torque=0.01)),
+    **{name: windowed(name) for name in ("trapezoid", "simpson")},
+}
+
+
 @needs_compiler
 @pytest.mark.equivalence
 @pytest.mark.contract
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[] if name == "model" else pytest.mark.slow) for name in ESTIMATORS],
-)
-def test_every_estimator_is_the_same_in_c(name, tmp_path):
-    estimator = ESTIMATORS[name]
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*ESTIMATORS, *PARTS])
+def test_every_estimator_and_part_is_the_same_in_c(name, tmp_path):
+    estimator = (ESTIMATORS | PARTS)[name]
     program = program_of(estimator, name="one", title=name)
     signals = full_recording(120)
     kept = {signal: getattr(signals, signal) for signal in inputs_of(estimator)}

@@ -70,11 +70,13 @@ def test_ranges_are_those_of_the_study_file():
 
 
 def test_names_become_identifiers():
-    assert [identifier_of(n) for n in ("sea-sensor", "2nd try", "größe", "")] == [
+    assert [identifier_of(n) for n in ("sea-sensor", "2nd try", "größe", "", "double", "*/")] == [
         "sea_sensor",
-        "estimator_2nd_try",
+        "joint_2nd_try",
         "gr_e",
-        "estimator",
+        "joint",
+        "joint_double",
+        "joint",
     ]
 
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuning.exports.c99.expressions import Assign, Index, Storage
-from tuning.exports.c99.fusing import Block, Statement
+from tuning.exports.c99.fusing import Block, Statement, Sums
 from tuning.exports.c99.generate import Derived, Generated, member, storage_of
 from tuning.exports.c99.lowering import Code
 from tuning.exports.c99.naming import identifier
-from tuning.exports.c99.printing import FUNCTIONS, HELPERS, decimal, place, short, statement
+from tuning.exports.c99.printing import FUNCTIONS, HELPERS, decimal, place, short, statement, sums
 from tuning.exports.c99.rolling import roll
 from tuning.exports.layout import Field, Leaf, Record, Repeated
 from tuning.exports.program import StepProgram
@@ -241,6 +241,10 @@ class _Body:
                 continue
             lines += self._plain(plain, is_first=not lines)
             plain = []
+            if isinstance(one, Sums):
+                lines += self._head(one.body[0], is_first=not lines)
+                lines += [line for s in one.body for line in self._declaration(s)]
+                lines += sums(one.body, one.loop, [self._is_number(s) for s in one.body])
             if isinstance(one, Block):
                 variable, start, end = one.loop
                 lines += [
@@ -257,14 +261,23 @@ class _Body:
     def _plain(self, statements: list[Assign], *, is_first: bool) -> list[str]:
         lines: list[str] = []
         for s in roll(statements):
-            if s.place and s.place != self.place:
-                self.place = s.place
-                lines += ([] if is_first and not lines else [""]) + [f"/* {s.place} */"]
-            single = s.target.role == "local" and not s.target.shape and not s.target.indices
-            if s.target.role == "local" and s.target.name in self.declared:
-                lines.append(self.declared.pop(s.target.name))
-            lines += statement(s, declare=single)
+            lines += self._head(s, is_first=is_first and not lines)
+            lines += self._declaration(s)
+            lines += statement(s, declare=self._is_number(s))
         return lines
+
+    def _head(self, s: Assign, *, is_first: bool) -> list[str]:
+        if not s.place or s.place == self.place:
+            return []
+        self.place = s.place
+        return ([] if is_first else [""]) + [f"/* {s.place} */"]
+
+    def _declaration(self, s: Assign) -> list[str]:
+        is_due = s.target.role == "local" and s.target.name in self.declared
+        return [self.declared.pop(s.target.name)] if is_due else []
+
+    def _is_number(self, s: Assign) -> bool:
+        return s.target.role == "local" and not s.target.shape and not s.target.indices
 
 
 __all__ = ["Source", "member", "write"]

@@ -1,6 +1,7 @@
 """Long loops over the same range become one, and arrays that only live within it become numbers.
 
-Without it, what a window's weights are made of would stand in memory as whole arrays.
+Without it, what a window's weights are made of would stand in memory as whole arrays. Long sums over one range
+share a loop too: a processor adds several at a time, where one alone waits for each addition.
 """
 
 from __future__ import annotations
@@ -27,13 +28,33 @@ class Block:
     body: list[Assign] = field(default_factory=list)
 
 
-Statement = Assign | Block
+@dataclass(eq=False)
+class Sums:
+    """Sums over the same range.
+
+    Args:
+        loop: over the range.
+        body: the sums.
+    """
+
+    loop: Loop
+    body: list[Assign] = field(default_factory=list)
+
+
+Statement = Assign | Block | Sums
 
 
 def fuse(statements: Sequence[Assign]) -> list[Statement]:
     """Return the statements with long loops fused, in an order that changes no result."""
     fused: list[Statement] = []
     for statement in statements:
+        if _is_long_sum(statement):
+            sums = _companions(fused, statement)
+            if sums is None:
+                sums = Sums(statement.inner[0])
+                fused.append(sums)
+            sums.body.append(statement)
+            continue
         if not _is_long(statement):
             fused.insert(_earliest(fused, statement), statement)
             continue
@@ -77,10 +98,28 @@ def _home(fused: list[Statement], s: Assign) -> Block | None:
             and all(_can_share(mine, s) for mine in other.body)
         ):
             return other
-        others = other.body if isinstance(other, Block) else [other]
-        if any(_conflict(one, s) for one in others):
+        if any(_conflict(one, s) for one in _parts(other)):
             return None
     return None
+
+
+def _is_long_sum(s: Assign) -> bool:
+    is_sum = s.combine == "sum" and not s.loops and len(s.inner) == 1
+    return is_sum and s.inner[0][2] - s.inner[0][1] >= _LONG
+
+
+def _companions(fused: list[Statement], s: Assign) -> Sums | None:
+    """Return the nearest sums before a statement that it can join."""
+    for other in reversed(fused):
+        if any(_conflict(one, s) for one in _parts(other)):
+            return None
+        if isinstance(other, Sums) and other.loop == s.inner[0]:
+            return other
+    return None
+
+
+def _parts(statement: Statement) -> list[Assign]:
+    return [statement] if isinstance(statement, Assign) else statement.body
 
 
 def _earliest(fused: list[Statement], s: Assign) -> int:
@@ -126,7 +165,7 @@ def _contract(block: Block, fused: list[Statement], number: int) -> None:
         id(r.storage)
         for one in fused
         if one is not block
-        for s in (one.body if isinstance(one, Block) else [one])
+        for s in _parts(one)
         for r in (*reads(s.value), Read(s.target, s.indices))
     }
     inside = [r for s in block.body for r in (*reads(s.value), Read(s.target, s.indices))]

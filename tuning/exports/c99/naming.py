@@ -12,6 +12,16 @@ _KEYWORDS = {
 }  # fmt: skip
 
 
+RESERVED = _KEYWORDS | {
+    "abs", "acos", "answer", "asin", "atan", "ceil", "clock", "cos", "cosh", "div", "errno", "estimator",
+    "exit", "exp", "fabs", "floor", "fmod", "free", "gamma", "harness", "index", "instance", "j0", "j1", "jn",
+    "linux", "log", "main", "malloc", "params", "pow", "prepare", "process", "rand", "read", "remainder",
+    "reset", "sample", "sensors", "signal", "sin", "sinh", "sqrt", "stdin", "stdout", "tan", "tanh", "time",
+    "unix", "variable", "write", "y0", "y1", "yn",
+}  # fmt: skip
+"""Names that a program must not have: those of the language, its library, and the files around it."""
+
+
 def identifier(name: str) -> str:
     """Return a name that C takes."""
     clean = re.sub(r"\W", "_", name, flags=re.ASCII)

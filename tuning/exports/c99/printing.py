@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from tuning.exports.c99.expressions import (
     Assign,
     Expression,
     Index,
+    Loop,
     Number,
     Position,
     Read,
@@ -180,6 +182,17 @@ def _accumulation(s: Assign, target: str, pad: str, declare: bool) -> list[str]:
     combined = f"{target} += {value};" if s.combine == "sum" else f"{target} = r_{s.combine}({target}, {value});"
     lines += wrapped(inner + combined)
     return lines + [pad + "    " * n + "}" for n in reversed(range(depth))]
+
+
+def sums(body: Sequence[Assign], loop: Loop, declare: Sequence[bool]) -> list[str]:
+    """Return the lines of sums that share a loop."""
+    variable, start, end = loop
+    targets = [place(s.target, s.indices) for s in body]
+    lines = [f"{'real ' if new else ''}{target} = R(0.0);" for target, new in zip(targets, declare, strict=True)]
+    lines.append(f"for (int {variable} = {start}; {variable} < {end}; ++{variable}) {{")
+    for s, target in zip(body, targets, strict=True):
+        lines += wrapped(f"    {target} += {expression(s.value)};")
+    return [*lines, "}"]
 
 
 def _block_move(s: Assign) -> list[str] | None:

@@ -35,6 +35,8 @@ def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 def build(compiler: str, options: list[str], folder: Path, main: str = "harness.c") -> str:
     """Compile the program with all warnings as errors; return what the compiler objects to."""
+    if shutil.which(compiler) is None:
+        return f"{compiler} is not installed"
     sources = [str(HERE / f"{NAME}.c"), str(HERE / main)]
     built = run([compiler, *STRICT, *options, "-o", "program", *sources, "-lm"], folder)
     return "" if built.returncode == 0 else built.stderr[:2000] or "cannot be compiled"
