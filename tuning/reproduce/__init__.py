@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tuning.reproduce import antagonistic, duel, serial
+from tuning.reproduce import antagonistic, cartesian, duel, serial
 from tuning.reproduce.report import Report, Row
 
 __all__ = ["Report", "Row", "reproduce_paper"]
 
-_PAPERS = {"serial": serial.reproduce, "antagonistic": antagonistic.reproduce, "duel": duel.reproduce}
+_PAPERS = {
+    "serial": serial.reproduce,
+    "antagonistic": antagonistic.reproduce,
+    "duel": duel.reproduce,
+    "cartesian": cartesian.reproduce,
+}
 
 
 def reproduce_paper(paper: str, folder: Path | None) -> list[Report]:
