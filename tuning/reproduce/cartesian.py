@@ -39,8 +39,8 @@ _SERIAL = {
     "t3": (102.0, 5.0, 0.0, 96.0, 0.0, 303.0),
 }
 _K_A_NOTE = (
-    "cannot be printed K_Ca: X = C_d − C_p ≤ C_d, so no eigenvalue of K_Ca lies below the least of K_d, 100; printed "
-    "has 95.8. Judged against (13)–(14) with the geometry of t1"
+    "cannot be the printed one: X = C_d − C_p ≤ C_d, so no eigenvalue of K_Ca lies below the least of K_d, 100; "
+    "printed has 95.8. Judged against (13)–(14) with the geometry of t1"
 )
 
 
@@ -62,7 +62,7 @@ def reproduce(folder: Path | None) -> Report:
     plain, printed, exact = (_design(scaling=name) for name in ("none", "printed", "exact"))
     paper = _design(scaling="none", solver=ActiveSet("drop_first"))
     sweeps = _sweeps()
-    rows = [*_table_rows(plain, paper), *_consistency_rows(), *_scaling_rows(plain, printed, exact)]
+    rows = [*_table_rows(plain, paper), *_consistency_rows(), *_scaling_rows(printed, exact)]
     rows += _loop_rows(sweeps)
     figures = [] if folder is None else [_draw(sweeps, folder)]
     return Report(_TITLE, rows, figures, _findings(plain))
@@ -113,15 +113,14 @@ def _consistency_rows() -> list[Row]:
         serial = np.linalg.inv(active + np.linalg.inv(_symmetric(passive)))
         apart = float(np.abs(serial - _symmetric(_SERIAL[time])).max())
         note = "rounding of the printed entries allows 0.7"
-        rows.append(
-            Row(f"(6) from printed K_Ca, K_Cp against printed K_Cs, {time}", None, apart, "N/m", 0.0, 0.7, note)
-        )
+        name = f"(6) from printed K_Ca, K_Cp against printed K_Cs, {time}"
+        rows.append(Row(name, None, apart, "N/m", 0.0, 0.7, note))
     least = float(np.linalg.eigvalsh(_symmetric(_ACTIVE))[0])
     rows.append(_near("least eigenvalue of printed K_Ca", None, least, "N/m", 95.75, 0.75, _K_A_NOTE))
     return rows
 
 
-def _scaling_rows(plain: StiffnessDesign, printed: StiffnessDesign, exact: StiffnessDesign) -> list[Row]:
+def _scaling_rows(printed: StiffnessDesign, exact: StiffnessDesign) -> list[Row]:
     wanted = np.diag([100.0, 100.0, 300.0])
     off = float(np.abs(np.asarray(exact.serial_stiffness) - wanted).max() / 300.0)
     note = "(18) puts an eigenvalue of C_a at 0, which becomes 0⁺: an offset stays"
@@ -135,7 +134,7 @@ def _scaling_rows(plain: StiffnessDesign, printed: StiffnessDesign, exact: Stiff
     found = outcomes(problem, poses)
     share = 100.0 * float(np.mean(found.is_exact))
     solved = 100.0 * float(np.mean(np.asarray(found.status) == Status.SOLVED))
-    said = "how often the correct scaling stays between the joints' bounds; where not it is clipped and an offset stays"
+    said = "how often the correct scaling stays between the joints' bounds; else it is clipped and an offset stays"
     rows.append(Row(f"{_POSES} random poses: exact", None, share, "%", 0.0, 100.0, said))
     rows.append(Row(f"{_POSES} random poses: solved", None, solved, "%", 99.9, 100.0))
     exactly = np.asarray(found.stiffness_error)[np.asarray(found.is_exact)]
@@ -153,7 +152,6 @@ def _scaling_rows(plain: StiffnessDesign, printed: StiffnessDesign, exact: Stiff
                 f"median {100 * median:.2g} %",
             )
         )
-    del plain
     return rows
 
 
@@ -201,9 +199,10 @@ def _findings(design: StiffnessDesign) -> list[str]:
         "K_Ca: the printed matrix is softer than any that (13)–(14) can give. Ours has the eigenvalues "
         + ", ".join(f"{value:.1f}" for value in ours)
         + " N/m, none below 100; the printed K_Cs follows from the printed K_Ca by (6), so the table is consistent "
-        "with itself and the 4–5 % are in how K_Ca was measured or computed, which the paper does not say.",
-        "zz stays at 280 instead of 300 because every free joint has Jᵢᵀ(C_d − C_p)Jᵢ = 0 at the optimum of (9): C_d − C_p "
-        "is never positive definite while a joint is off its bounds. The offset is structural, and the scaling removes it.",
+        "with itself, and the 4–5 % lie in how K_Ca was measured or computed, which the paper does not say.",
+        "zz stays at 280 instead of 300 because every free joint has Jᵢᵀ(C_d − C_p)Jᵢ = 0 at the optimum of (9): "
+        "C_d − C_p is never positive definite while a joint is off its bounds. The offset is structural; scaling "
+        "removes it.",
     ]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,7 +28,7 @@ GOLDEN = Path(__file__).parents[2] / "golden" / "cartesian.npz"
 FAMILIES = ("n4m3", "n7m6w", "n7m6", "n4m3_gauss")
 
 
-@pytest.fixture(params=["golden", "shared"], scope="module")
+@pytest.fixture(params=["golden", pytest.param("shared", marks=pytest.mark.slow)], scope="module")
 def problems(request):
     """The reference: its golden extract, and all of it where `shared` is there."""
     folder = GOLDEN.parent if request.param == "golden" else request.getfixturevalue("shared") / "reference"
@@ -38,11 +37,17 @@ def problems(request):
 
 
 def design(problems, family, **options):
-    jacobian, stiffness, low, high = (jnp.asarray(problems[f"{family}_{name}"]) for name in ("J", "Kd", "lo", "hi"))
+    jacobian, stiffness, low, high = (
+        jnp.asarray(problems[f"{family}_{name}"]) for name in ("J", "Kd", "lo", "hi")
+    )
     designer = StiffnessDesigner(1.0 / problems["zero_plus"], **options)
     bounds = StiffnessBounds(1.0 / high, 1.0 / low)
-    run = designer.design if jacobian.ndim == 2 else jax.vmap(designer.design)
-    return eqx.filter_jit(run)(jacobian, stiffness, bounds)
+
+    def one(jacobian, stiffness, bounds):
+        return designer.design(jacobian, stiffness, bounds)
+
+    run = one if jacobian.ndim == 2 else jax.vmap(one)
+    return jax.jit(run)(jacobian, stiffness, bounds)
 
 
 def apart(ours, theirs) -> float:
@@ -190,7 +195,9 @@ def test_eigenvalues_and_their_functions_agree_with_lapack(size):
 def test_what_has_no_answer_says_so(change, status):
     with np.load(GOLDEN) as given:
         bounds = StiffnessBounds(jnp.asarray(given["t1_kmin"]), jnp.asarray(given["t1_kmax"]))
-        found = StiffnessDesigner().design(*change(jnp.asarray(given["t1_J"]), jnp.asarray(given["t1_Kd"]), bounds))
+        found = StiffnessDesigner().design(
+            *change(jnp.asarray(given["t1_J"]), jnp.asarray(given["t1_Kd"]), bounds)
+        )
     assert found.status == status
     assert Status(int(found.status)).text
     refused = status in (Status.NOT_FINITE, Status.BAD_BOUNDS, Status.NOT_DEFINITE)
@@ -213,5 +220,7 @@ def test_a_batch_is_its_problems_one_by_one():
 def test_the_batched_solver_calls_no_library():
     text = solve_all.lower(*fresh("4x3", 8, 0)).compile().as_text()
     assert "while" in text
-    names = {line.split("custom_call_target=")[1].split('"')[1] for line in text.splitlines() if "custom_call_t" in line}
+    names = {
+        line.split("custom_call_target=")[1].split('"')[1] for line in text.splitlines() if "custom_call_t" in line
+    }
     assert not {name for name in names if "potrf" in name or "syevd" in name or "trsm" in name}
