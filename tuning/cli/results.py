@@ -10,7 +10,7 @@ from tuning.cli.options import JSON, QUIET, emit, table
 
 
 @click.command(epilog="Example: vsajax reproduce serial -o runs/serial")
-@click.argument("paper", type=click.Choice(["serial", "antagonistic", "damping", "duel", "all"]))
+@click.argument("paper", type=click.Choice(["serial", "antagonistic", "damping", "cartesian", "duel", "all"]))
 @click.option("-o", "--output", "folder", type=click.Path(path_type=Path), help="Folder for figures and rows.")
 @JSON
 @QUIET

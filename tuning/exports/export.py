@@ -51,7 +51,9 @@ def export_config(
     """
     config = load_config(path, settings)
     if not isinstance(config, Config):
-        raise input_error(path, f"kind {config.kind!r} has no estimator to export", "name a study with [estimator]")
+        raise input_error(
+            path, f"kind {config.kind!r} has no estimator to export", "name a study with [estimator]"
+        )
     _check_folder_is_free(folder, target)
     try:
         program = estimator_program(config)

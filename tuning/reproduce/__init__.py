@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tuning.reproduce import antagonistic, damping, duel, serial
+from tuning.reproduce import antagonistic, cartesian, damping, duel, serial
 from tuning.reproduce.report import Report, Row
 
 __all__ = ["Report", "Row", "reproduce_paper"]
@@ -13,6 +13,7 @@ _PAPERS = {
     "serial": serial.reproduce,
     "antagonistic": antagonistic.reproduce,
     "damping": damping.reproduce,
+    "cartesian": cartesian.reproduce,
     "duel": duel.reproduce,
 }
 

@@ -22,7 +22,8 @@ Matrix = Float[Array, "m m"]
 _OPTIMAL = 1e-9
 _SINGULAR = 1e-10
 _SYMMETRIC = 1e-9
-_EXACT = 1e-9
+_EXACT = 1e-12
+_ROUNDING = 1e-9
 
 
 class Status(IntEnum):
@@ -65,7 +66,7 @@ class StiffnessDesign(NamedTuple):
         desired: C_d.
         passive: C_p, compliance of the hand by the joints alone.
         active: C_a, the controller's compliance.
-        is_exact: whether C_a + C_p = C_d, to 1e-9 of its norm.
+        is_exact: whether C_a + C_p = C_d, to 1e-12 of its norm.
         optimality: of the passive fit, see `BoxSolution`.
         status: a `Status`.
     """
@@ -151,7 +152,7 @@ class StiffnessDesigner(eqx.Module):
         desired = inverse(safe_desired)
         fit = fit_passive(safe_jacobian, desired, safe_bounds, self.solver, self.weights)
         scale = passive_scale(self.scaling, desired, hand_compliance(safe_jacobian, fit.compliance), floor)
-        is_reachable = jnp.isfinite(scale) & (eigen(desired)[0].min() >= floor * (1.0 - _EXACT))
+        is_reachable = jnp.isfinite(scale) & (eigen(desired)[0].min() >= floor * (1.0 - _ROUNDING))
         scale = jnp.where(jnp.isfinite(scale), scale, 1.0)
         compliance = scale * fit.compliance
         if self.clip:
