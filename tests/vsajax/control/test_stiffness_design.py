@@ -134,8 +134,8 @@ def test_ten_thousand_fresh_problems_are_optimal_and_no_worse_than_bvls(family):
 
 @pytest.mark.gradient
 def test_derivatives_agree_with_finite_differences_at_300_random_poses():
-    # Central differences of a loss of all stages; poses where a bound or an eigenvalue changes sides within the step
-    # are no place for a derivative and are left out: both one-sided differences must agree.
+    # Central differences of a loss of all stages; poses where a bound or an eigenvalue changes sides within the
+    # step are no place for a derivative and are left out: both one-sided differences must agree.
     jacobian, stiffness, lower, upper = fresh("4x3", 300, 3)
     designer = StiffnessDesigner(2000.0)
     direction = jnp.asarray(np.random.default_rng(4).normal(0.0, 0.4, (300, 3, 4)))
