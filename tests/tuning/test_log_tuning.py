@@ -112,6 +112,7 @@ def test_mistakes_are_named_and_nothing_is_written(vsajax, tmp_path, change, wor
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.real
 @pytest.mark.cli
 @pytest.mark.skipif(
