@@ -111,7 +111,7 @@ def _draw_distribution(axis: Any, columns: Columns) -> None:
             axis.plot(np.maximum(values, _SMALLEST), shares, style, color=colour, label=label)
     axis.set_xscale("log")
     axis.set(xlabel=f"relative error, at least {_SMALLEST:g} [%]", ylabel="share of poses", ylim=(0.0, 1.0))
-    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8, ncols=2)
+    axis.legend(loc="lower right", fontsize=7)
 
 
 _SMALLEST = 1e-3

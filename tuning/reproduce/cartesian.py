@@ -106,7 +106,7 @@ def _table_rows(design: StiffnessDesign, paper: StiffnessDesign) -> list[Row]:
 
 
 def _consistency_rows() -> list[Row]:
-    """Return whether (6) with the printed K_Ca and K_Cp gives the printed K_Cs: so K_Ca's making errs."""
+    """Return whether (6) with printed K_Ca and K_Cp gives printed K_Cs: then the error is in K_Ca's making."""
     active = np.linalg.inv(_symmetric(_ACTIVE))
     rows = []
     for time, passive in _PASSIVE.items():
@@ -198,8 +198,8 @@ def _findings(design: StiffnessDesign) -> list[str]:
     return [
         "K_Ca: the printed matrix is softer than any that (13)–(14) can give. Ours has the eigenvalues "
         + ", ".join(f"{value:.1f}" for value in ours)
-        + " N/m, none below 100; the printed K_Cs follows from the printed K_Ca by (6), so the table is "
-        "consistent with itself, and the 4–5 % lie in how K_Ca was measured or computed, which the paper does not say.",
+        + " N/m, none below 100; printed K_Cs follows from printed K_Ca by (6), so the table is consistent "
+        "with itself, and the 4–5 % lie in how K_Ca was measured or computed, which the paper does not say.",
         "zz stays at 280 instead of 300 because every free joint has Jᵢᵀ(C_d − C_p)Jᵢ = 0 at the optimum of (9): "
         "C_d − C_p is never positive definite while a joint is off its bounds. The offset is structural; scaling "
         "removes it.",
