@@ -24,7 +24,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
 from tuning.errors import input_error
-from tuning.log_files import write_table
+from tuning.logs.files import write_table
 from tuning.progress import progress
 from tuning.store import open_run
 from tuning.structures import Chosen

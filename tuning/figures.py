@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator
 
 from tuning.judging import unit_of
-from tuning.logs import RecordingTable
+from tuning.logs.reading import RecordingTable
 from tuning.single import Answer
 
 TRUTH, ESTIMATE, OTHER, QUIET = "#222222", "#0072b2", "#d55e00", "#bbbbbb"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from tuning.log_formats import split_matrix
+from tuning.logs.formats import split_matrix
 
 _MOST_ELEMENTS = 64
 

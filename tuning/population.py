@@ -186,7 +186,7 @@ class FromFile(_Marginal):
 
 @cache
 def _column(path: str, column: str) -> np.ndarray:
-    from tuning.log_files import read_log_file
+    from tuning.logs.files import read_log_file
 
     log = read_log_file(Path(path))
     if column not in log.names:

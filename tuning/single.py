@@ -14,8 +14,8 @@ import numpy as np
 from tuning.build import build, build_estimator
 from tuning.control_problem import ControlProblem, problem_of
 from tuning.errors import input_error
-from tuning.log_analysis import Analysis, analyse, clock_facts, leaves_floor
-from tuning.logs import RecordingTable
+from tuning.logs.analysis import Analysis, analyse, clock_facts, leaves_floor
+from tuning.logs.reading import RecordingTable
 from tuning.problem import Problem, Stream, draw_scenarios
 from tuning.study import Config, EstimationStudy, Study, with_numbers
 from vsajax import Estimate, Recording, experiment

@@ -62,7 +62,7 @@ def run_chunk(spec: str, chunk: str) -> Columns:
 
 def run_share(spec: str, chunks: Sequence[str], folder: str) -> None:
     """Compute chunks into files of a folder; one that is there is not computed again."""
-    from tuning.log_files import write_table
+    from tuning.logs.files import write_table
 
     for chunk in chunks:
         path = result_file(Path(folder), chunk)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tuning.characteristic import characterise, directions
+from tuning.logs.characteristic import characterise, directions
 
 TIME = np.linspace(0.0, 3.0, 6001)
 REACH = 0.02

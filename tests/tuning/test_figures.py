@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from tests.tuning.builders import FORGETTING, GAIN, PRIOR
 from tuning.errors import InputError
 from tuning.figures import draw_estimate, draw_recording, draw_sweep, draw_tuning, save
-from tuning.log_clock import ClockReport
-from tuning.logs import RecordingTable
-from tuning.signal_map import canonical_map
+from tuning.logs.clock import ClockReport
+from tuning.logs.reading import RecordingTable
+from tuning.logs.signal_map import canonical_map
 from tuning.single import Answer
 
 TIME = np.linspace(0.0, 1.0, 50)

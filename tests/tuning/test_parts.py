@@ -12,7 +12,7 @@ import pytest
 
 import vsajax
 from tuning.build import build
-from tuning.log_files import write_table
+from tuning.logs.files import write_table
 from tuning.parts import base, bench, control, estimators, joints, springs
 from tuning.parts.base import Part
 

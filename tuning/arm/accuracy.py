@@ -20,7 +20,7 @@ from tuning.arm.problem import ArmProblem
 from tuning.arm.study import ArmStudy
 from tuning.errors import input_error
 from tuning.figures import ESTIMATE, OTHER, TRUTH, new_figure, save
-from tuning.log_files import write_table
+from tuning.logs.files import write_table
 from vsajax import rollout
 from vsajax.control import hand_compliance, stiffness_errors
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from tuning.arm.problem import ArmProblem
 from tuning.arm.study import ArmStudy
 from tuning.figures import ESTIMATE, OTHER, QUIET, new_figure, save
-from tuning.log_files import write_table
+from tuning.logs.files import write_table
 from tuning.progress import Advance
 from vsajax import rollout
 from vsajax.control import PoseSearch, fit_passive, hand_compliance, improve_pose, inverse, reach, stiffness_errors

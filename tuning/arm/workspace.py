@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from tuning.arm.problem import ArmProblem, outcomes
 from tuning.arm.study import ArmStudy
 from tuning.figures import ESTIMATE, OTHER, new_figure, save
-from tuning.log_files import write_table
+from tuning.logs.files import write_table
 from vsajax.control import Status
 
 Columns = dict[str, np.ndarray]

@@ -39,7 +39,7 @@ def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bo
     from dataclasses import asdict
 
     from tuning.errors import input_error
-    from tuning.log_guess import propose, to_map
+    from tuning.logs.guess import propose, to_map
     from tuning.store import write_text
 
     if log is None:

@@ -11,7 +11,7 @@ from tuning.cli.options import emit, table
 
 def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: bool, quiet: bool) -> None:
     """Tune on the log of a study, print and write what was found."""
-    from tuning.log_study import load_log_study, require_untouched
+    from tuning.logs.study import load_log_study, require_untouched
 
     loaded = load_log_study(study, settings)
     require_untouched(folder)
@@ -19,8 +19,8 @@ def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: boo
 
     start_jax()
     from tuning.figures import save
-    from tuning.log_figures import draw_tried
-    from tuning.log_tuning import plan_log_search, write_tuned_log
+    from tuning.logs.figures import draw_tried
+    from tuning.logs.search import plan_log_search, write_tuned_log
 
     search = plan_log_search(loaded, str(study))
     tuned = search.run(quiet=quiet)

@@ -10,7 +10,7 @@ import click
 from tuning.cli.options import JSON, QUIET, SEED, SETTINGS, STUDY, emit, output_file, with_seed
 
 if TYPE_CHECKING:
-    from tuning.logs import RecordingTable
+    from tuning.logs.reading import RecordingTable
     from tuning.study import Config
 
 
@@ -38,7 +38,7 @@ def simulate(
     quiet: bool,
 ) -> None:
     """Simulate one recording of STUDY, with truth columns, and draw it beside the file."""
-    from tuning.log_files import table_suffix
+    from tuning.logs.files import table_suffix
     from tuning.study import load_study
 
     loaded = load_study(study, with_seed(settings, seed))
@@ -47,7 +47,7 @@ def simulate(
 
     start_jax()
     from tuning.figures import draw_recording, draw_swing, save
-    from tuning.log_files import write_table
+    from tuning.logs.files import write_table
     from tuning.single import member, simulate_recording, simulate_swing
     from tuning.store import write_text
     from tuning.study import EstimationStudy, resolved, to_toml
@@ -111,8 +111,8 @@ def estimate(
     Where the recording has a column true_stiffness, the answer is scored against it.
     """
     from tuning.errors import input_error
-    from tuning.log_files import table_suffix
-    from tuning.logs import read_recording
+    from tuning.logs.files import table_suffix
+    from tuning.logs.reading import read_recording
     from tuning.study import Config, load_config
 
     chosen = {}
@@ -134,7 +134,7 @@ def estimate(
 
     start_jax()
     from tuning.figures import draw_estimate, save
-    from tuning.log_files import write_table
+    from tuning.logs.files import write_table
     from tuning.single import estimate_recording
 
     answer = estimate_recording(loaded, table)

@@ -165,7 +165,7 @@ def tune(
 
     A STUDY with a [recording] is tuned on that log, by the gradient, and judged by the rest of it.
     """
-    from tuning.log_study import is_log_study
+    from tuning.logs.study import is_log_study
     from tuning.study import load_study
 
     own = [*settings]

@@ -16,7 +16,7 @@ from tuning.errors import input_error
 from tuning.exports.arithmetic import uncontracted
 from tuning.exports.checks.checking import deviation
 from tuning.exports.program import Slot, StepProgram
-from tuning.logs import read_recording
+from tuning.logs.reading import read_recording
 from tuning.parts.estimators import AlgebraicObserver
 from tuning.resources import example_path
 from tuning.schema import read_toml

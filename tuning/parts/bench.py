@@ -82,7 +82,7 @@ class RecordedTorque(Part):
 
     def arguments(self) -> dict[str, Any]:
         """Read the file."""
-        from tuning.logs import read_series
+        from tuning.logs.reading import read_series
 
         time, torque = read_series(Path(self.path), self.column)
         return {"time": time, "torque": torque}

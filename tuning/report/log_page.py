@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from tuning.characteristic import Characteristic
 from tuning.figures import draw_estimate
-from tuning.log_analysis import Analysis
-from tuning.log_figures import draw_clock, draw_levels, draw_loop
-from tuning.logs import RecordingTable
+from tuning.logs.analysis import Analysis
+from tuning.logs.characteristic import Characteristic
+from tuning.logs.figures import draw_clock, draw_levels, draw_loop
+from tuning.logs.reading import RecordingTable
+from tuning.logs.signal_map import Stiffness
 from tuning.report.page import Page, Picture, Table, number, span
-from tuning.signal_map import Stiffness
 from tuning.single import Answer
 from tuning.store import versions
 from tuning.study import Config, resolved, study_hash, to_toml

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tuning.figures import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, save
-from tuning.log_files import write_table
+from tuning.logs.files import write_table
 from tuning.reproduce import damping as paper
 from tuning.reproduce.report import Row
 from vsajax import estimated_loop, plants, rollout

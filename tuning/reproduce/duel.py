@@ -20,7 +20,7 @@ from scipy import stats
 from tuning.axes import Bounds
 from tuning.grid import lane_program
 from tuning.judging import MEAN, interval
-from tuning.log_files import write_table
+from tuning.logs.files import write_table
 from tuning.problem import Given, Problem, Scenario, draw_scenarios
 from tuning.reproduce import antagonistic as paper
 from tuning.reproduce.report import Report, Row

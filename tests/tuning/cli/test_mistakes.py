@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SEA, SERIAL, SMALL, TINY
-from tuning.log_files import write_table
+from tuning.logs.files import write_table
 from tuning.resources import CONFIGS
 
 CONFIG = CONFIGS / "tuned" / "sea_sensor.toml"

@@ -11,7 +11,7 @@ import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, tiny_tuning
 from tuning.judging import judge
-from tuning.log_files import read_log_file, write_table
+from tuning.logs.files import read_log_file, write_table
 from tuning.resources import CONFIGS
 from tuning.study import Tune, load_config, load_study, resolved, study_hash, to_toml
 from tuning.sweep import Forecast, GridSweep

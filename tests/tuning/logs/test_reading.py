@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tuning.errors import InputError
-from tuning.log_files import SUFFIXES
-from tuning.logs import read_recording, write_table
-from tuning.signal_map import KINDS, signals_of
+from tuning.logs.files import SUFFIXES
+from tuning.logs.reading import read_recording, write_table
+from tuning.logs.signal_map import KINDS, signals_of
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 MAPS = ROOT / "configs" / "logs"
 HEBI = ROOT / "tests" / "golden" / "hebi" / "exampleLog.csv"
 TREGEAR = ROOT.parent / "shared" / "data" / "sea_tregear"
@@ -315,7 +315,7 @@ def test_a_kind_or_file_that_is_not_known_is_named(tmp_path):
 
 @pytest.mark.structure
 def test_reading_a_log_does_not_import_jax():
-    code = "import sys, tuning.logs; sys.exit('jax' in sys.modules)"
+    code = "import sys, tuning.logs.reading; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
 
 

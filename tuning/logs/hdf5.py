@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pyarrow as pa
 
-from tuning.log_files import LogFile
-from tuning.log_formats import group_by_length, split_matrix
+from tuning.logs.files import LogFile
+from tuning.logs.formats import group_by_length, split_matrix
 
 
 def read(path: Path) -> list[LogFile]:

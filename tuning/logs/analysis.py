@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tuning.characteristic import Characteristic, characterise
-from tuning.log_faults import Fault, judge_stiffness
-from tuning.logs import RecordingTable
+from tuning.logs.characteristic import Characteristic, characterise
+from tuning.logs.faults import Fault, judge_stiffness
+from tuning.logs.reading import RecordingTable
 
 _MOVES = 0.05
 """Share of its range by which a signal that leaves rest has moved."""

@@ -9,10 +9,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from tests.tuning.robot_logs import look_at, spring_log, write_spring_log
-from tuning.log_analysis import analyse, find_rest
-from tuning.logs import read_recording
-from tuning.signal_map import Drive
+from tests.tuning.logs.robot_logs import look_at, spring_log, write_spring_log
+from tuning.logs.analysis import analyse, find_rest
+from tuning.logs.reading import read_recording
+from tuning.logs.signal_map import Drive
 
 CONFIG = """
 schema_version = 1

@@ -14,8 +14,8 @@ import pyarrow as pa
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from tuning.log_files import LogFile
-from tuning.log_formats import WIDEST
+from tuning.logs.files import LogFile
+from tuning.logs.formats import WIDEST
 
 _RECEIVED, _STAMP = "received", "header.stamp"
 

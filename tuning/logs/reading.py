@@ -11,11 +11,10 @@ import numpy as np
 import pyarrow as pa
 
 from tuning.errors import InputError, Mistake, input_error
-from tuning.log_clock import FEWEST_SAMPLES, ClockReport, at_times, is_same, on_regular_clock, read_clock
-from tuning.log_faults import Fault, find_units, find_wraps, resolution
-from tuning.log_files import LogFile, read_log_file, write_table
-from tuning.log_streams import Log, column_in, open_log
-from tuning.signal_map import (
+from tuning.logs.clock import FEWEST_SAMPLES, ClockReport, at_times, is_same, on_regular_clock, read_clock
+from tuning.logs.faults import Fault, find_units, find_wraps, resolution
+from tuning.logs.files import LogFile, read_log_file, write_table
+from tuning.logs.signal_map import (
     KINDS,
     Angle,
     Clock,
@@ -29,6 +28,7 @@ from tuning.signal_map import (
     signals_of,
     unmet_needs,
 )
+from tuning.logs.streams import Log, column_in, open_log
 
 __all__ = ["RecordingTable", "read_recording", "read_series", "write_table"]
 
@@ -68,11 +68,11 @@ def read_recording(
     kind: str | None = None,
     select: Mapping[str, str | float] | None = None,
 ) -> RecordingTable:
-    """Return the recording in a log of any format that `tuning.log_formats` reads.
+    """Return the recording in a log of any format that `tuning.logs.formats` reads.
 
     Args:
         path: the file, or the folder of a bag.
-        map_path: a signal map (`tuning.signal_map`); without one the columns must be canonical.
+        map_path: a signal map (`tuning.logs.signal_map`); without one the columns must be canonical.
         kind: of the joint, where no map says it; else it is inferred from the columns.
         select: keep only the rows whose column equals the value; overrides the map's, key by key.
 

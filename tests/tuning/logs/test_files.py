@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tuning.errors import InputError
-from tuning.log_files import SUFFIXES, read_log_file, write_table
+from tuning.logs.files import SUFFIXES, read_log_file, write_table
 
 
 def read_all(path) -> dict[str, np.ndarray]:

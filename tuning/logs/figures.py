@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from tuning.characteristic import Characteristic, directions
 from tuning.figures import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, thin
-from tuning.log_clock import GAP, ClockReport
+from tuning.logs.characteristic import Characteristic, directions
+from tuning.logs.clock import GAP, ClockReport
 
 _WIDTH, _HEIGHT = 6.4, 4.0
 

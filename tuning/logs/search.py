@@ -20,9 +20,9 @@ from scipy import stats
 
 from tuning.build import build_estimator, number
 from tuning.errors import InputError, Mistake, input_error
-from tuning.log_files import write_table
-from tuning.log_study import LogStudy, tuned_config
-from tuning.logs import RecordingTable, read_recording
+from tuning.logs.files import write_table
+from tuning.logs.reading import RecordingTable, read_recording
+from tuning.logs.study import LogStudy, tuned_config
 from tuning.progress import progress
 from tuning.space import Space, Vector
 from tuning.store import versions, write_text

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tuning.errors import InputError
-from tuning.signal_map import KINDS, Angle, Clock, Signals, Torque, canonical_map, read_signal_map, signals_of
+from tuning.logs.signal_map import KINDS, Angle, Clock, Signals, Torque, canonical_map, read_signal_map, signals_of
 
-LOG_MAPS = sorted((Path(__file__).resolve().parents[2] / "configs" / "logs").glob("*.toml"))
+LOG_MAPS = sorted((Path(__file__).resolve().parents[3] / "configs" / "logs").glob("*.toml"))
 
 SEA_MAP = """
 schema_version = 1

@@ -10,8 +10,8 @@ import pytest
 from scipy.io import savemat
 
 from tuning.errors import InputError
-from tuning.log_formats import read_streams
-from tuning.logs import read_recording
+from tuning.logs.formats import read_streams
+from tuning.logs.reading import read_recording
 
 TIME = np.round(0.002 * np.arange(200), 6)
 ANGLE = 0.05 * np.sin(9.0 * TIME)
@@ -171,7 +171,7 @@ def test_damaged_files_are_named(tmp_path, suffix, content):
 @pytest.mark.failure
 def test_a_package_that_is_not_there_is_named_with_the_way_to_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    monkeypatch.delitem(sys.modules, "tuning.log_bags", raising=False)
+    monkeypatch.delitem(sys.modules, "tuning.logs.bags", raising=False)
     path = tmp_path / "log.mcap"
     path.write_bytes(b"x")
     with pytest.raises(InputError, match=r"(?s)needs the package rosbags to be.*pip install 'vsajax\[logs\]'"):

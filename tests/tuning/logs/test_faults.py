@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.tuning.robot_logs import look_at, names, spring_log, with_gap, wrapped, write_spring_log
+from tests.tuning.logs.robot_logs import look_at, names, spring_log, with_gap, wrapped, write_spring_log
 from tuning.errors import InputError
-from tuning.log_faults import resolution
-from tuning.logs import read_recording
+from tuning.logs.faults import resolution
+from tuning.logs.reading import read_recording
 
 DEGREES = 180.0 / np.pi
 

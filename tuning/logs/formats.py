@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from tuning.errors import InputError, input_error
-from tuning.log_files import SUFFIXES as TABLE_SUFFIXES
-from tuning.log_files import LogFile, check_readable, read_log_file
+from tuning.logs.files import SUFFIXES as TABLE_SUFFIXES
+from tuning.logs.files import LogFile, check_readable, read_log_file
 
 WIDEST = 64
 """Columns up to which a matrix counts as signals."""
@@ -19,12 +19,12 @@ WIDEST = 64
 Columns = Mapping[str, np.ndarray | pa.Array]
 
 _READERS = {
-    ".mat": "tuning.log_mat",
-    ".h5": "tuning.log_hdf5",
-    ".hdf5": "tuning.log_hdf5",
-    ".bag": "tuning.log_bags",
-    ".mcap": "tuning.log_bags",
-    ".db3": "tuning.log_bags",
+    ".mat": "tuning.logs.mat",
+    ".h5": "tuning.logs.hdf5",
+    ".hdf5": "tuning.logs.hdf5",
+    ".bag": "tuning.logs.bags",
+    ".mcap": "tuning.logs.bags",
+    ".db3": "tuning.logs.bags",
 }
 SUFFIXES = (*TABLE_SUFFIXES, *_READERS)
 

@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from tuning.log_analysis import Analysis, analyse
-from tuning.logs import RecordingTable, read_recording
+from tuning.logs.analysis import Analysis, analyse
+from tuning.logs.reading import RecordingTable, read_recording
 
 STIFFNESS, STEP = 80.0, 2e-3
 MAP = """

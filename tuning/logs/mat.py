@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from tuning.errors import input_error
-from tuning.log_files import LogFile
-from tuning.log_formats import group_by_length, split_matrix
+from tuning.logs.files import LogFile
+from tuning.logs.formats import group_by_length, split_matrix
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from tuning.errors import InputError, input_error
-from tuning.log_faults import find_wraps
-from tuning.log_files import LogFile
-from tuning.log_streams import Log, open_log
-from tuning.signal_map import Angle, Kind, name_need, signals_of, unmet_needs
+from tuning.logs.faults import find_wraps
+from tuning.logs.files import LogFile
+from tuning.logs.signal_map import Angle, Kind, name_need, signals_of, unmet_needs
+from tuning.logs.streams import Log, open_log
 
 _TIME = r"^t_|^(t|time|times|timestamp|stamp|clock|elapsed|secs?|seconds|millis|micros)$|time|stamp"
 _NOT_MEASURED = r"cmd|command|desired|target|\bref|reference|vel|speed|accel|err|temp|pwm|covariance|orientation"

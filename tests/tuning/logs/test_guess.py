@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.tuning.robot_logs import spring_log, wrapped
+from tests.tuning.logs.robot_logs import spring_log, wrapped
 from tuning.errors import InputError
-from tuning.log_files import write_table
-from tuning.log_guess import propose, to_map
-from tuning.logs import read_recording
+from tuning.logs.files import write_table
+from tuning.logs.guess import propose, to_map
+from tuning.logs.reading import read_recording
 
-HEBI = Path(__file__).parents[1] / "golden" / "hebi" / "exampleLog.csv"
+HEBI = Path(__file__).parents[2] / "golden" / "hebi" / "exampleLog.csv"
 
 
 @pytest.mark.real

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from tuning.log_files import LogFile
-from tuning.signal_map import Angle, SignalMap
+from tuning.logs.files import LogFile
+from tuning.logs.signal_map import Angle, SignalMap
 
 FaultName = Literal["wrapped encoder", "degrees for radians", "swapped sign", "out of range", "frozen signal"]
 

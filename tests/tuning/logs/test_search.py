@@ -13,7 +13,7 @@ import pytest
 from tuning.resources import CONFIGS
 from tuning.study import load_config
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
+DATA = Path(__file__).parents[4] / "shared" / "data"
 QUANSER = DATA / "quanser_flex" / "data_vm.mat"
 PENDULUM = DATA / "dfki_double_pendulum" / "20220812-055032_measured.csv"
 

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from tuning.errors import input_error
-from tuning.log_files import LogFile
-from tuning.signal_map import Clock
+from tuning.logs.files import LogFile
+from tuning.logs.signal_map import Clock
 
 FEWEST_SAMPLES = 3
 GAP = 5.0

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from tests.tuning.robot_logs import spring_log, with_gap, write_spring_log
+from tests.tuning.logs.robot_logs import spring_log, with_gap, write_spring_log
 from tuning.resources import CONFIGS
 
 CONFIG = CONFIGS / "tuned" / "sea_sensor.toml"

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tuning.errors import InputError, Mistake
-from tuning.log_files import LogFile
-from tuning.log_formats import read_streams
+from tuning.logs.files import LogFile
+from tuning.logs.formats import read_streams
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tuning.log_analysis import analyse
-from tuning.logs import read_recording
+from tuning.logs.analysis import analyse
+from tuning.logs.reading import read_recording
 from tuning.resources import CONFIGS
 
 CONFIG, LOGS = CONFIGS / "tuned" / "sea_sensor.toml", CONFIGS / "logs"
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 HEBI = ROOT / "tests" / "golden" / "hebi" / "exampleLog.csv"
 TREGEAR = ROOT.parent / "shared" / "data" / "sea_tregear" / "runs.parquet"
 SECOND_SPRING = [
