@@ -38,6 +38,11 @@ def build_loop(study: DampingStudy) -> vsajax.ControlLoop:
     return vsajax.ControlLoop(**{name: build(getattr(study, name)) for name in parts})
 
 
+def build_controller(study: DampingStudy) -> vsajax.control.ObservedController:
+    """Return the controller of a study together with the observer in front of it."""
+    return vsajax.control.ObservedController(build(study.controller), build(study.observer))
+
+
 def build_estimator(config: Config) -> vsajax.estimators.AbstractEstimator:
     """Return the estimator of a study or of a configuration without a joint."""
     return build(config.estimator)

@@ -14,6 +14,7 @@ from tuning.build import build_loop, with_leaves
 from tuning.problem import Outcome, Problem, Scenario, Status, Values, Vector
 from tuning.study import DampingStudy, EstimationStudy, Study
 from vsajax import ControlLoop, SwingMotion, SwingScores, closed_loop
+from vsajax.closed_loop import Exchange
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,11 @@ class ControlProblem:
         """Return the motion in a scenario."""
         loop = with_leaves(given, scenario.numbers)
         return closed_loop.simulate(loop, key=scenario.key, substeps=self.substeps)
+
+    def exchange(self, scenario: Scenario, given: ControlLoop) -> Exchange:
+        """Return what the joint's controller was told in a scenario, and what it answered."""
+        loop = with_leaves(given, scenario.numbers)
+        return closed_loop.exchanges(loop, key=scenario.key, substeps=self.substeps)[0]
 
     def scores(self, values: Values, scenario: Scenario, given: ControlLoop) -> SwingScores:
         """Return the scores at `values` in a scenario."""

@@ -17,8 +17,9 @@ from tuning.errors import input_error
 from tuning.logs.analysis import Analysis, analyse, clock_facts, leaves_floor
 from tuning.logs.reading import RecordingTable
 from tuning.problem import Problem, Stream, draw_scenarios
-from tuning.study import Config, EstimationStudy, Study, with_numbers
+from tuning.study import Config, DampingStudy, EstimationStudy, Study, with_numbers
 from vsajax import Estimate, Recording, experiment
+from vsajax.closed_loop import Exchange
 from vsajax.estimators import AbstractEstimator, AntagonisticPair, StiffnessEstimator
 
 _PRIOR_LIMITS = 0.02
@@ -89,6 +90,16 @@ def simulate_swing(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], 
     if not all(np.isfinite(values).all() for values in found.values()):
         raise input_error("controller", "the simulated motion is not finite", "check its gains, or set `substeps`")
     return found, problem.substeps
+
+
+def simulate_exchange(study: DampingStudy, scenario: int) -> Exchange:
+    """Return what the controller was told in the loop that `simulate_swing` runs, and what it answered."""
+    problem = ControlProblem(study)
+    drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
+    exchange = problem.exchange(drawn, problem.given)
+    if not all(np.isfinite(values).all() for values in jax.tree.leaves(exchange)):
+        raise input_error("controller", "the simulated motion is not finite", "check its gains, or set `substeps`")
+    return exchange
 
 
 @dataclass(frozen=True)

@@ -187,11 +187,15 @@ def load_config(path: Path, settings: Sequence[str] = ()) -> Study | Config:
     Raises:
         InputError: lists every mistake with its path.
     """
-    data = with_settings(read_toml(path), settings)
+    return parse_config(with_settings(read_toml(path), settings), str(path))
+
+
+def parse_config(data: Mapping[str, Any], place: str) -> Study | Config:
+    """Return the study, or the estimator alone, in tables; `place` names their source in errors."""
     if data.keys() & _ONLY_IN_STUDIES:
-        return parse_study(data, str(path))
-    _check_kind(data, str(path))
-    return validate(Config, data, str(path))
+        return parse_study(data, place)
+    _check_kind(data, place)
+    return validate(Config, dict(data), place)
 
 
 def parse_study(data: Mapping[str, Any], place: str) -> Study:

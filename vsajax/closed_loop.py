@@ -23,7 +23,7 @@ from vsajax.numerics import safe_sqrt
 from vsajax.plants import SwitchedPlant, SwitchedState
 from vsajax.sensing import Clock, FeedbackSensor, Impact
 from vsajax.settling import Swept, SwingScorer, SwingScores
-from vsajax.types import Command, Scalar, Series, Swing, optional_leaf
+from vsajax.types import Command, Recording, Scalar, Series, Swing, optional_leaf
 
 Vectors = tuple[Series, ...]
 
@@ -75,6 +75,18 @@ class SwingMotion(NamedTuple):
     commanded: Vectors
 
 
+class Exchange(NamedTuple):
+    """What one joint's controller was told over time, and what it answered.
+
+    Args:
+        recording: the link's reading, or its true position without a sensor, and the motor position.
+        commands: at the same instants.
+    """
+
+    recording: Recording
+    commands: Command
+
+
 class LoopState(NamedTuple):
     """The plant, and each joint's sensor, observer and controller."""
 
@@ -90,6 +102,7 @@ class _Run(NamedTuple):
     state: LoopState
     inputs: Any
     step: Callable[[LoopState, Any], tuple[LoopState, tuple[Command, ...]]]
+    sense: Callable[[LoopState, Any], tuple[tuple[Any, ...], tuple[Any, ...], tuple[Swing, ...]]]
 
 
 def simulate(
@@ -112,6 +125,21 @@ def simulate(
 
     seen = rollout.scan(step, run.state, run.inputs, segment=segment)[1]
     return SwingMotion(run.inputs[0], *seen)
+
+
+def exchanges(loop: ControlLoop, *, key: Key[Array, ""], substeps: int = 2) -> tuple[Exchange, ...]:
+    """Return what every joint's controller was told and what it answered; arguments as of `simulate`."""
+    run = _prepare(loop, key, substeps)
+
+    def step(state: LoopState, inputs: Any) -> tuple[LoopState, Any]:
+        after, commands = run.step(state, inputs)
+        return after, (run.sense(state, inputs)[2], commands)
+
+    swings, commands = rollout.scan(step, run.state, run.inputs)[1]
+    return tuple(
+        Exchange(Recording(run.inputs[0], swing.position, swing.motor_position), command)
+        for swing, command in zip(swings, commands, strict=True)
+    )
 
 
 def score(loop: ControlLoop, *, key: Key[Array, ""], substeps: int = 2) -> SwingScores:
@@ -202,7 +230,7 @@ def _prepare(loop: ControlLoop, key: Key[Array, ""], substeps: int) -> _Run:
         (state,) * joints,
     )
 
-    def sense(state: LoopState, i: int, dt: Scalar, drawn: Any, accelerations: Any) -> tuple[Any, Any, Swing]:
+    def joint(state: LoopState, i: int, dt: Scalar, drawn: Any, accelerations: Any) -> tuple[Any, Any, Swing]:
         position, motor = state.plant.positions[i], state.plant.motor_positions[i]
         if sensor is None:
             return None, None, Swing(dt, position, state.plant.velocities[i], accelerations[i], motor)
@@ -210,12 +238,16 @@ def _prepare(loop: ControlLoop, key: Key[Array, ""], substeps: int) -> _Run:
         observer, swing = loop.observer.step(state.observers[i], reading, motor, dt)
         return own, observer, swing
 
-    def step(state: LoopState, inputs: Any) -> tuple[LoopState, tuple[Command, ...]]:
+    def sense(state: LoopState, inputs: Any) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Swing, ...]]:
         now, dt, drawn = inputs
         accelerations = plant.accelerations(state.plant, loop.impact.torques(joints, now, sample_time))
-        sensors, observers, swings = zip(
-            *(sense(state, i, dt, drawn, accelerations) for i in range(joints)), strict=True
-        )
+        each = [joint(state, i, dt, drawn, accelerations) for i in range(joints)]
+        sensors, observers, swings = zip(*each, strict=True)
+        return sensors, observers, swings
+
+    def step(state: LoopState, inputs: Any) -> tuple[LoopState, tuple[Command, ...]]:
+        now = inputs[0]
+        sensors, observers, swings = sense(state, inputs)
         pairs = [controller.step(own, swing) for own, swing in zip(state.controllers, swings, strict=True)]
         controllers, commands = zip(*pairs, strict=True)
         moved, small = state.plant, sample_time / substeps
@@ -224,4 +256,4 @@ def _prepare(loop: ControlLoop, key: Key[Array, ""], substeps: int) -> _Run:
             moved = plant.step(moved, commands, torques, small)
         return LoopState(moved, sensors, observers, controllers), commands
 
-    return _Run(start, (time, intervals, noise), step)
+    return _Run(start, (time, intervals, noise), step, sense)

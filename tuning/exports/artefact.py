@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from tuning.exports.deployable import Deployable
 from tuning.exports.golden import Golden
 from tuning.exports.program import StepProgram
-from tuning.study import Config
 
 
 @dataclass(frozen=True)
@@ -16,14 +16,14 @@ class Subject:
     """What is exported.
 
     Args:
-        config: the configuration.
+        deployable: where it comes from.
         program: its step.
         golden: its golden recording.
         banner: a line that says where an artefact comes from.
         identity: a hash of the configuration.
     """
 
-    config: Config
+    deployable: Deployable
     program: StepProgram
     golden: Golden
     banner: str

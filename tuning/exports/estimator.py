@@ -1,61 +1,104 @@
-"""The step program of a configuration's estimator."""
+"""The estimator of a study or of a configuration without a joint."""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Mapping
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from tuning.build import build_estimator
-from tuning.exports.c99.naming import RESERVED
+from tuning.exports.deployable import Deployable
 from tuning.exports.flatten import flatten
-from tuning.exports.program import StepProgram, trace
-from tuning.study import Config
+from tuning.parts.base import Part
+from tuning.parts.estimators import AlgebraicObserver
+from tuning.resources import example_path
+from tuning.schema import read_toml
+from tuning.single import simulate_recording
+from tuning.study import Config, EstimationStudy, observers_of, parse_study, resolved
 from vsajax import Sample
 from vsajax.estimators import AbstractEstimator
 
 _SETPOINT = "setpoint_position"
 
 
-def estimator_program(config: Config) -> StepProgram:
-    """Return the step of a configuration's estimator, traced with the signals that it reads.
+class DeployableEstimator(Deployable):
+    """A stiffness estimator.
 
-    Raises:
-        Untraceable: it cannot leave Python.
+    Args:
+        config: its configuration.
     """
-    # The title stands in comments of C and YAML.
-    name = " ".join(config.name.replace("*/", "").split())
-    title = f"{name}: stiffness estimator of a joint of kind {config.kind}"
-    return program_of(build_estimator(config), name=identifier_of(config.name), title=title)
 
+    noun = "estimator"
 
-def program_of(estimator: AbstractEstimator, *, name: str, title: str) -> StepProgram:
-    """Return the step of an estimator; what it does not read of its numbers is frozen, not a parameter.
+    def __init__(self, config: Config):
+        self._config = config
 
-    Raises:
-        Untraceable: it cannot leave Python.
-    """
-    sample = sample_of(inputs_of(estimator))
+    @property
+    def config(self) -> Config:
+        """The configuration."""
+        return self._config
 
-    def traced(parameters: AbstractEstimator) -> StepProgram:
-        def whole(leaves: AbstractEstimator) -> AbstractEstimator:
-            return eqx.combine(leaves, estimator)
+    @property
+    def title(self) -> str:
+        """What it is, for people."""
+        return f"stiffness estimator of a joint of kind {self.config.kind}"
 
-        return trace(
-            name,
-            title,
-            parameters,
-            sample,
-            lambda leaves, sample: whole(leaves).init(sample),
-            lambda leaves, state, sample: whole(leaves).step(state, sample),
-        )
+    @property
+    def parts(self) -> Mapping[tuple[str, ...], Part]:
+        """The estimator's tables."""
+        return {(): self.config.estimator}
 
-    program = traced(eqx.filter(estimator, eqx.is_array))
-    read = program.init.used() | program.step.used()
-    leaves, structure = jax.tree.flatten(program.parameters.tree)
-    return traced(jax.tree.unflatten(structure, [leaf if i in read else None for i, leaf in enumerate(leaves)]))
+    def build(self) -> AbstractEstimator:
+        """Return the estimator."""
+        return build_estimator(self.config)
+
+    @property
+    def sample(self) -> Sample:
+        """The signals that it reads."""
+        return sample_of(inputs_of(self.module))
+
+    @property
+    def sample_time(self) -> float | None:
+        """That of its windows, or of the study's clock [s]."""
+        if self._observers:
+            return self._observers[0].sample_time
+        return self.config.clock.sample_time if isinstance(self.config, EstimationStudy) else None
+
+    @property
+    def needs_regular_clock(self) -> bool:
+        """Whether it has a window of samples."""
+        return bool(self._observers)
+
+    @property
+    def _observers(self) -> list[AlgebraicObserver]:
+        return [observer for _, observer in observers_of(self.config.estimator, "estimator")]
+
+    def simulate(self, seconds: float) -> tuple[dict[str, np.ndarray], str]:
+        """Return the signals of a study's own joint, or of the example joint where there is none."""
+        study = self._study(seconds)
+        return simulate_recording(study, 0)[0], f"simulated from {study.name!r}, scenario 0"
+
+    def _study(self, seconds: float) -> EstimationStudy:
+        if isinstance(self.config, EstimationStudy):
+            tables = resolved(self.config)
+        else:
+            tables = read_toml(example_path(self.config.kind, "kind"))
+            for name, value in self.sample._asdict().items():
+                if value is not None and name not in {"dt", "deflection"}:
+                    tables["sensing"].setdefault(name, {})
+            if self.sample_time is not None:
+                tables["clock"] = {"sample_time": self.sample_time}
+                sides = [tables["estimator"], *(v for v in tables["estimator"].values() if isinstance(v, dict))]
+                for side in sides:
+                    if "sample_time" in side:
+                        side["sample_time"] = self.sample_time
+        tables |= {"sweep": {}, "tune": {}, "scorer": {}}
+        tables["clock"] = tables["clock"] | {"duration": seconds}
+        study = parse_study(tables, "golden recording")
+        assert isinstance(study, EstimationStudy)
+        return study
 
 
 def inputs_of(estimator: AbstractEstimator) -> tuple[str, ...]:
@@ -77,9 +120,3 @@ def sample_of(names: frozenset[str] | tuple[str, ...]) -> Sample:
     """Return a sample of zeros with some signals."""
     zero = jnp.zeros(())
     return Sample(zero, **{name: zero for name in Sample._fields if name in names})
-
-
-def identifier_of(name: str) -> str:
-    """Return a configuration's name as an identifier of C and FMI that means nothing else there."""
-    clean = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
-    return clean if clean[:1].isalpha() and clean not in RESERVED else f"joint_{clean}".rstrip("_")

@@ -9,9 +9,7 @@ from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.layout import Leaf, dotted
 from tuning.exports.program import Slot
 from tuning.exports.ranges import range_of
-from tuning.parts.estimators import AlgebraicObserver
 from tuning.store import versions
-from tuning.study import Study
 
 SHIPPED = ["golden.csv", "README.md", "check.py", "checking.py"]
 """What lies beside every artefact."""
@@ -19,25 +17,27 @@ SHIPPED = ["golden.csv", "README.md", "check.py", "checking.py"]
 
 def manifest_of(subject: Subject, target: str, source: Path, artefact: Artefact) -> dict[str, Any]:
     """Return the manifest of an export, before it is checked."""
-    config, program, golden = subject.config, subject.program, subject.golden
+    deployable, program, golden = subject.deployable, subject.program, subject.golden
+    config = deployable.config
     return {
         "format": target,
         "name": program.name,
+        "what": deployable.noun,
         "files": list(artefact.files),
         "shipped": SHIPPED,
         "source": source.name,
         "kind": config.kind,
         "study_hash": subject.identity,
         "versions": versions(),
-        "sample_time_s": sample_time(subject),
-        "needs_regular_clock": needs_regular_clock(subject),
+        "sample_time_s": deployable.sample_time,
+        "needs_regular_clock": deployable.needs_regular_clock,
         "units": "SI: rad, s, N·m, N·m/rad",
         "inputs": _signals(program.inputs),
         "outputs": _signals(program.outputs),
         "parameters": parameters_of(subject),
         "valid": {
             "inputs": golden.ranges(),
-            "note": "the artefact was checked on inputs in these ranges; beyond them it is what the estimator is",
+            "note": f"checked on inputs in these ranges; beyond them it is what the {deployable.noun} is",
         },
         "golden": {"source": golden.source, "samples": len(golden.time), "seconds": float(golden.time[-1])},
         "scores": {k: v for k, v in config.provenance.items() if isinstance(v, dict)},
@@ -47,31 +47,12 @@ def manifest_of(subject: Subject, target: str, source: Path, artefact: Artefact)
     }
 
 
-def sample_time(subject: Subject) -> float | None:
-    """Return the sample time that the estimator was made for [s]; `None` where any will do."""
-    observers = _observers(subject)
-    if observers:
-        return observers[0].sample_time
-    return subject.config.clock.sample_time if isinstance(subject.config, Study) else None
-
-
-def needs_regular_clock(subject: Subject) -> bool:
-    """Return whether the estimator takes no other sample time."""
-    return bool(_observers(subject))
-
-
-def _observers(subject: Subject) -> list[AlgebraicObserver]:
-    estimator = subject.config.estimator
-    parts = [estimator, getattr(estimator, "side", None), getattr(estimator, "other", None)]
-    return [part for part in parts if isinstance(part, AlgebraicObserver)]
-
-
 def parameters_of(subject: Subject) -> list[dict[str, Any]]:
     """Return every tunable number with its default, unit and range."""
     program = subject.program
     rows = []
     for (path, leaf), value in zip(program.parameters.places, program.defaults, strict=True):
-        limits = range_of(subject.config, path)
+        limits = range_of(subject.deployable.parts, path)
         rows.append(
             {
                 "name": dotted(path),

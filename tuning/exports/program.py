@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -99,6 +100,32 @@ def trace(
     whole, (_, answer) = jax.make_jaxpr(step, return_shape=True)(module, first, inputs)
     slots = [_slot(tree) for tree in (module, first, inputs, answer)]
     return StepProgram(name, title, *slots, init=flatten(start), step=flatten(whole))
+
+
+def program_of(module: Any, sample: Any, *, name: str, title: str) -> StepProgram:
+    """Return the step of a module; what it does not read of its numbers is frozen, not a parameter.
+
+    Raises:
+        Untraceable: it cannot leave Python.
+    """
+
+    def traced(parameters: Any) -> StepProgram:
+        def whole(leaves: Any) -> Any:
+            return eqx.combine(leaves, module)
+
+        return trace(
+            name,
+            title,
+            parameters,
+            sample,
+            lambda leaves, sample: whole(leaves).init(sample),
+            lambda leaves, state, sample: whole(leaves).step(state, sample),
+        )
+
+    program = traced(eqx.filter(module, eqx.is_array))
+    read = program.init.used() | program.step.used()
+    leaves, structure = jax.tree.flatten(program.parameters.tree)
+    return traced(jax.tree.unflatten(structure, [leaf if i in read else None for i, leaf in enumerate(leaves)]))
 
 
 def _slot(tree: Any) -> Slot:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from annotated_types import Ge, Gt, Le, Lt
 
 from tuning.exports.layout import Path
+from tuning.parts.base import Part
 from tuning.parts.estimators import AlgebraicObserver
-from tuning.study import Config
 
 
 @dataclass(frozen=True)
@@ -22,14 +23,19 @@ class Range:
     is_high_open: bool = False
 
 
-def range_of(config: Config, path: Path) -> Range:
-    """Return the range of the parameter at a path of the estimator."""
-    part: Any = config.estimator
-    *parents, last = [key for key in path if isinstance(key, str)]
+def range_of(parts: Mapping[tuple[str, ...], Part], path: Path) -> Range:
+    """Return the range of the parameter at a path through one of the parts, each at its own path."""
+    keys = [key for key in path if isinstance(key, str)]
+    root = next(root for root in parts if tuple(keys[: len(root)]) == root)
+    part: Any = parts[root]
+    *parents, last = keys[len(root) :]
     for key in parents:
         part = getattr(part, key)
     limits: dict[str, Any] = {}
-    for constraint in type(part).model_fields[last].metadata:
+    field = type(part).model_fields[last]
+    # The limits of `Positive | None` are those of its first option.
+    options = [one for option in get_args(field.annotation) for one in getattr(option, "__metadata__", ())]
+    for constraint in [*field.metadata, *options]:
         for inner in getattr(constraint, "metadata", [constraint]):
             if isinstance(inner, Gt | Ge):
                 value = inner.gt if isinstance(inner, Gt) else inner.ge

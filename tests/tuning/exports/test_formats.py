@@ -24,6 +24,7 @@ SHIPPED = {
     "algebraic": (ANTAGONISTIC, ("--set", "sweep={}", "--set", "tune={}", *WINDOW)),
     "residual pair": (RESIDUAL_PAIR, ()),
     "sensor": (SEA_SENSOR, ()),
+    "damping": (CONFIGS / "studies" / "damping.toml", ()),
 }
 
 

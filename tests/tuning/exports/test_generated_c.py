@@ -15,9 +15,9 @@ from tests.vsajax.estimators.parts import BASES, LAWS
 from tests.vsajax.estimators.registry import ESTIMATORS, full_recording
 from tuning.exports.c99.files import write
 from tuning.exports.c99.generate import generate
-from tuning.exports.estimator import inputs_of, program_of
+from tuning.exports.estimator import inputs_of, sample_of
 from tuning.exports.flatten import Untraceable
-from tuning.exports.program import trace
+from tuning.exports.program import program_of, trace
 from vsajax import Recording, plants
 from vsajax import estimators as es
 from vsajax.numerics import once
@@ -170,7 +170,7 @@ PARTS = {
 @pytest.mark.parametrize("name", [*ESTIMATORS, *PARTS])
 def test_every_estimator_and_part_is_the_same_in_c(name, tmp_path):
     estimator = (ESTIMATORS | PARTS)[name]
-    program = program_of(estimator, name="one", title=name)
+    program = program_of(estimator, sample_of(inputs_of(estimator)), name="one", title=name)
     signals = full_recording(120)
     kept = {signal: getattr(signals, signal) for signal in inputs_of(estimator)}
     samples = Recording(signals.time, **kept).samples()
@@ -181,7 +181,9 @@ def test_every_estimator_and_part_is_the_same_in_c(name, tmp_path):
 
 @pytest.mark.structure
 def test_generated_code_has_the_names_units_and_places_of_the_source():
-    program = program_of(ESTIMATORS["residual"], name="joint", title="a joint")
+    program = program_of(
+        ESTIMATORS["residual"], sample_of(inputs_of(ESTIMATORS["residual"])), name="joint", title="a joint"
+    )
     source = write(program, generate(program), banner="from a test")
     for words in (
         "joint_real observer_gain; /* K_I; the observer's bandwidth. Above 2/T it rings [1/s] */",
@@ -198,7 +200,9 @@ def test_generated_code_has_the_names_units_and_places_of_the_source():
 
 @pytest.mark.structure
 def test_what_follows_from_the_parameters_is_computed_once():
-    program = program_of(ESTIMATORS["algebraic"], name="window", title="a window")
+    program = program_of(
+        ESTIMATORS["algebraic"], sample_of(inputs_of(ESTIMATORS["algebraic"])), name="window", title="a window"
+    )
     generated = generate(program)
     taps = ESTIMATORS["algebraic"].taps
     assert {one.shape for one in generated.derived} >= {(taps,)}
@@ -208,7 +212,9 @@ def test_what_follows_from_the_parameters_is_computed_once():
 
 
 def test_numbers_that_a_step_does_not_read_are_no_parameters():
-    names = program_of(ESTIMATORS["model"], name="model", title="").parameters.names
+    names = program_of(
+        ESTIMATORS["model"], sample_of(inputs_of(ESTIMATORS["model"])), name="model", title=""
+    ).parameters.names
     assert names == [
         "torque.law.linear",
         "torque.law.cubic",

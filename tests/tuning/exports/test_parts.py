@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.tuning.builders import ANTAGONISTIC, SERIAL
 from tuning.exports.c99.printing import decimal
 from tuning.exports.checks.checking import deviation
-from tuning.exports.estimator import identifier_of
+from tuning.exports.deployable import identifier_of
 from tuning.exports.layout import told
 from tuning.exports.ranges import Range, range_of
 from tuning.exports.units import base_units
@@ -62,10 +62,10 @@ def test_meaning_and_unit_come_from_the_docstring():
 
 
 def test_ranges_are_those_of_the_study_file():
-    serial = load_config(SERIAL)
+    serial = {(): load_config(SERIAL).estimator}
     assert range_of(serial, ("torque", "observer_gain")) == Range(0.0, None, True, False)
     assert range_of(serial, ("torque", "gear_ratio")) == Range(1.0, None, False, False)
-    window = range_of(load_config(ANTAGONISTIC), ("side", "window"))
+    window = range_of({(): load_config(ANTAGONISTIC).estimator}, ("side", "window"))
     assert window == Range(0.004, 2.0)
 
 

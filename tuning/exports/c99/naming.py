@@ -13,11 +13,11 @@ _KEYWORDS = {
 
 
 RESERVED = _KEYWORDS | {
-    "abs", "acos", "answer", "asin", "atan", "ceil", "clock", "cos", "cosh", "div", "errno", "estimator",
+    "abs", "acos", "answer", "asin", "atan", "ceil", "clock", "cos", "cosh", "div", "errno",
     "exit", "exp", "fabs", "floor", "fmod", "free", "gamma", "harness", "index", "instance", "j0", "j1", "jn",
     "linux", "log", "main", "malloc", "params", "pow", "prepare", "process", "rand", "read", "remainder",
-    "reset", "sample", "sensors", "signal", "sin", "sinh", "sqrt", "stdin", "stdout", "tan", "tanh", "time",
-    "unix", "variable", "write", "y0", "y1", "yn",
+    "reset", "sample", "self", "sensors", "signal", "sin", "sinh", "sqrt", "stdin", "stdout", "tan", "tanh",
+    "time", "unix", "variable", "write", "y0", "y1", "yn",
 }  # fmt: skip
 """Names that a program must not have: those of the language, its library, and the files around it."""
 

@@ -64,13 +64,13 @@ def replay(name: str, compiler: str, options: list[str], *, is_judged: bool = Tr
     figures = {
         "deviation": found,
         "final_deviation": final,
-        "bytes": dict(zip(("estimator", "input", "output"), map(int, size), strict=True)),
+        "bytes": dict(zip(("instance", "input", "output"), map(int, size), strict=True)),
     }
     if not is_judged:
         shown = f"stiffness {found['stiffness']:.2g}" if "stiffness" in found else f"{worst} {found[worst]:.2g}"
         at_end = _final(final)
         told = f"stated, not judged: {shown} off at worst, {at_end:.2g} at the end"
-        told += "; TOO COARSE for this estimator: use double precision" if at_end > COARSE else ""
+        told += "; TOO COARSE: use double precision" if at_end > COARSE else ""
         return Result(name, "passed", told, figures)
     state = "passed" if ran.returncode == 0 else "failed"
     return Result(name, state, f"largest deviation {found[worst]:.2g} ({worst}), allowed {TOLERANCE:g}", figures)

@@ -30,36 +30,30 @@ def schema() -> Result:
 
 def read_back() -> Result:
     """See that what is read is what was exported."""
-    from tuning.schema import validate
-    from tuning.study import Config, Study, parse_study, resolved, study_hash
+    from tuning.study import parse_config, resolved, study_hash
 
     found = tables()
-    is_study = "joint" in found
-    config = parse_study(found, FILE.name) if is_study else validate(Config, found, FILE.name)
-    assert isinstance(config, Study) == is_study
+    config = parse_config(found, FILE.name)
     equal = resolved(config) == found and study_hash(config) == MANIFEST["study_hash"]
     return Result("read back", "passed" if equal else "failed", "equal" if equal else "what was read back DIFFERS")
 
 
 def replay() -> Result:
-    """Run the estimator, as it is read from the file, over the golden recording."""
+    """Run the step, as it is read from the file, over the golden recording."""
     from tuning.runtime import start_jax
 
     start_jax()
     import numpy as np
 
-    from tuning.exports.estimator import estimator_program
+    from tuning.exports.deployables import deployable_of
     from tuning.exports.golden import answers
-    from tuning.schema import validate
-    from tuning.study import Config, parse_study
+    from tuning.study import parse_config
 
-    found = tables()
-    config = parse_study(found, FILE.name) if "joint" in found else validate(Config, found, FILE.name)
-    assert isinstance(config, Config)
+    deployable = deployable_of(parse_config(tables(), FILE.name), FILE.name)
     golden = read_golden()
-    program = estimator_program(config)
+    program = deployable.program()
     signals = {name: np.asarray(values) for name, values in golden.inputs.items() if name != "dt"}
-    _, got = answers(config, program, np.asarray(golden.time), signals)
+    _, got = answers(deployable.module, program, np.asarray(golden.time), signals)
     return compare(
         "replay", "the step of jax", {k: v.astype(float).tolist() for k, v in got.items()}, golden.outputs
     )

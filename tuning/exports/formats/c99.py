@@ -16,14 +16,14 @@ from tuning.exports.rendering import render
 _USAGE = """```c
 #include "{name}.h"
 
-{name} estimator;          /* no memory is allocated, nothing is global */
+{name} self;               /* no memory is allocated, nothing is global */
 {name}_params params;
 {name}_output answer;
 
 {name}_defaults(&params);
-{name}_init(&estimator, &params, &first);       /* the first sample: nothing is estimated yet */
-{name}_step(&estimator, &sample, &answer);      /* every sample, the first one (dt = 0) too */
-{name}_tune(&estimator, &params);               /* other parameters, the same state */
+{name}_init(&self, &params, &first);            /* the first sample: nothing is answered yet */
+{name}_step(&self, &sample, &answer);           /* every sample, the first one (dt = 0) too */
+{name}_tune(&self, &params);                    /* other parameters, the same state */
 ```
 
 `-D{NAME}_SINGLE` compiles for single precision. Do not compile with `-ffast-math`. Without Python, `make check`,

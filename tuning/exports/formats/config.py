@@ -10,7 +10,7 @@ from tuning.exports.artefact import Artefact, Subject
 from tuning.study import resolved, to_toml
 
 _USAGE = """```sh
-vsajax estimate LOG -c estimator.{format} -o estimate.parquet
+{command}
 ```
 
 {note}"""
@@ -21,14 +21,21 @@ _NOTES = {
 }
 
 
+_COMMANDS = {
+    "estimator": "vsajax estimate LOG -c estimator.toml -o estimate.parquet",
+    "controller": "vsajax simulate controller.toml -o swing.parquet",
+}
+
+
 def write_config(subject: Subject, form: str) -> Artefact:
     """Return the configuration as "toml" or "json", and its schema."""
-    tables = resolved(subject.config)
-    schema = type(subject.config).model_json_schema(mode="validation")
+    config, noun = subject.deployable.config, subject.deployable.noun
+    tables = resolved(config)
+    schema = type(config).model_json_schema(mode="validation")
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     text = to_toml(tables) if form == "toml" else _json(tables)
-    files: dict[str, str | bytes] = {f"estimator.{form}": text, "schema.json": _json(schema)}
-    return Artefact(files, "config", _USAGE.format(format="toml", note=_NOTES[form]))
+    files: dict[str, str | bytes] = {f"{noun}.{form}": text, "schema.json": _json(schema)}
+    return Artefact(files, "config", _USAGE.format(command=_COMMANDS[noun], note=_NOTES[form]))
 
 
 def _json(tables: Any) -> str:

@@ -24,7 +24,6 @@ from tuning.exports.c99.generate import generate
 from tuning.exports.c99.printing import decimal
 from tuning.exports.flatten import Untraceable
 from tuning.exports.layout import dotted
-from tuning.exports.manifest import needs_regular_clock, sample_time
 from tuning.exports.program import Slot
 from tuning.exports.ranges import Range, range_of
 from tuning.exports.rendering import render
@@ -59,7 +58,7 @@ def write_fmi(subject: Subject, version: int) -> Artefact:
     token = "{" + str(uuid.uuid5(uuid.NAMESPACE_OID, f"{subject.identity} {program.name} fmi{version}")) + "}"
     source = write(program, generate(program), banner=subject.banner)
     variables = _variables(subject)
-    step = sample_time(subject)
+    step = subject.deployable.sample_time
     values: dict[str, Any] = {
         "name": program.name,
         "title": program.title,
@@ -88,7 +87,9 @@ def write_fmi(subject: Subject, version: int) -> Artefact:
         name=program.name,
         step=step or "0.001",
         platform=_platform(version),
-        regular=", though this estimator takes its own sample time only" if needs_regular_clock(subject) else "",
+        regular=f", though this {subject.deployable.noun} takes its own sample time only"
+        if subject.deployable.needs_regular_clock
+        else "",
     )
     return Artefact(
         {f"{program.name}.fmu": _zipped(files)}, "fmi", usage, {"fmi": {"version": version, "token": token}}
@@ -103,7 +104,7 @@ def _variables(subject: Subject) -> list[dict[str, Any]]:
         *_rows(program.outputs, "out", "OUTPUT", "out.", start=lambda _: None),
     ]
     for (path, leaf), value in zip(program.parameters.places, program.defaults, strict=True):
-        limits = range_of(subject.config, path)
+        limits = range_of(subject.deployable.parts, path)
         one = Slot(program.parameters.layout, [(path, leaf)], None)
         rows += _rows(
             one, "params", "PARAMETER", "", start=lambda index, value=value: float(value[index]), limits=limits

@@ -1,4 +1,4 @@
-"""MAT: everything that is known of the estimator, for MATLAB and Octave."""
+"""MAT: everything that is known of what is exported, for MATLAB and Octave."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tuning.study import resolved
 _USAGE = """```matlab
 s = load('{name}.mat');
 s.parameters              % the tunable numbers, SI
-s.config.estimator        % the whole configuration
+s.config                  % the whole configuration
 plot(s.golden.time, s.golden.outputs.stiffness)
 ```
 
@@ -28,7 +28,7 @@ def write_mat(subject: Subject) -> Artefact:
     program, golden = subject.program, subject.golden
     contents = {
         "parameters": _tree(zip((path for path, _ in program.parameters.places), program.defaults, strict=True)),
-        "config": resolved(subject.config),
+        "config": resolved(subject.deployable.config),
         "golden": {
             "time": golden.time,
             "inputs": _signals(program.inputs.places, golden.inputs.values()),

@@ -12,7 +12,6 @@ import vsajax
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.c99.printing import decimal
 from tuning.exports.layout import told
-from tuning.exports.manifest import sample_time
 from tuning.exports.ranges import range_of
 from tuning.parts.base import Part
 
@@ -35,7 +34,7 @@ class Entry:
     """One parameter of the configuration.
 
     Args:
-        path: in the estimator's tables.
+        path: in the tables.
         value: of the configuration.
         declaration: for generate_parameter_library.
     """
@@ -48,14 +47,15 @@ class Entry:
 def write_ros2(subject: Subject) -> Artefact:
     """Return the YAML files."""
     name = subject.program.name
-    entries = list(_entries(subject, subject.config.estimator, ()))
-    step = sample_time(subject)
+    parts = subject.deployable.parts
+    entries = [entry for root, part in parts.items() for entry in _entries(subject, part, root)]
+    step = subject.deployable.sample_time
     parameters = _tree({entry.path: entry.value for entry in entries})
     if step is not None:
         parameters = {"sample_time": step, **parameters}
     declarations = _tree({entry.path: entry.declaration for entry in entries})
     if step is not None:
-        about = "Time between two samples [s]; what the estimator was made for."
+        about = f"Time between two samples [s]; what the {subject.deployable.noun} was made for."
         declared = {"type": "double", "default_value": step, "description": about, "read_only": True}
         declarations = {"sample_time": {**declared, "validation": {"gt<>": [0.0]}}, **declarations}
     controller: dict[str, Any] = {"joint": "YOUR_JOINT", **parameters}
@@ -99,7 +99,7 @@ def _declaration(
     if choices and isinstance(value, str):
         validation["one_of<>"] = [choices]
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        limits = range_of(subject.config, path)
+        limits = range_of(subject.deployable.parts, path)
         number = type(value)
         if limits.low is not None:
             validation["gt<>" if limits.is_low_open else "gt_eq<>"] = [number(limits.low)]

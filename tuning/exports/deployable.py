@@ -1,0 +1,91 @@
+"""What can leave the lab, whatever it is: a step over samples, its numbers, and signals to try it on."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from tuning.exports.c99.naming import RESERVED
+from tuning.exports.program import StepProgram, program_of
+from tuning.parts.base import Part
+from tuning.study import Base
+from vsajax import Sample
+
+
+class Deployable(ABC):
+    """A module with `init(sample)` and `step(state, sample)`, and the configuration that describes it.
+
+    The formats, the manifest and the golden recording know nothing else of what they are made from.
+    """
+
+    noun: ClassVar[str]
+    """What it is, in a word."""
+
+    @property
+    @abstractmethod
+    def config(self) -> Base:
+        """The configuration."""
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """What it is, for people."""
+
+    @property
+    @abstractmethod
+    def parts(self) -> Mapping[tuple[str, ...], Part]:
+        """The tables of its numbers, each with its path in the module."""
+
+    @abstractmethod
+    def build(self) -> Any:
+        """Return what has `init` and `step`."""
+
+    @property
+    @abstractmethod
+    def sample(self) -> Sample:
+        """A sample with the signals that it reads."""
+
+    @property
+    @abstractmethod
+    def sample_time(self) -> float | None:
+        """What it was made for [s]; `None` where any will do."""
+
+    @property
+    def needs_regular_clock(self) -> bool:
+        """Whether it takes no other sample time."""
+        return False
+
+    @abstractmethod
+    def simulate(self, seconds: float) -> tuple[dict[str, np.ndarray], str]:
+        """Return `time` and the signals of a simulation, and where they come from, for people.
+
+        Raises:
+            InputError: nothing can be simulated.
+        """
+
+    @cached_property
+    def module(self) -> Any:
+        """What has `init` and `step`."""
+        return self.build()
+
+    def program(self) -> StepProgram:
+        """Return the step, traced.
+
+        Raises:
+            Untraceable: it cannot leave Python.
+        """
+        # The title stands in comments of C and YAML.
+        name = " ".join(self.config.name.replace("*/", "").split())
+        title = f"{name}: {self.title}"
+        return program_of(self.module, self.sample, name=identifier_of(self.config.name), title=title)
+
+
+def identifier_of(name: str) -> str:
+    """Return a configuration's name as an identifier of C and FMI that means nothing else there."""
+    clean = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
+    return clean if clean[:1].isalpha() and clean not in RESERVED else f"joint_{clean}".rstrip("_")
