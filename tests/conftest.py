@@ -36,7 +36,7 @@ def golden() -> Signals:
     return _signals(TESTS / "golden" / "serial.npz")
 
 
-@pytest.fixture(params=["golden", "shared"], scope="session")
+@pytest.fixture(params=["golden", pytest.param("shared", marks=pytest.mark.slow)], scope="session")
 def reference(request: pytest.FixtureRequest) -> Signals:
     """The serial reference: its golden extract, and all 10,001 samples where `shared` is there."""
     if request.param == "golden":
@@ -44,7 +44,7 @@ def reference(request: pytest.FixtureRequest) -> Signals:
     return _signals(request.getfixturevalue("shared") / "reference" / "serial.npz")
 
 
-@pytest.fixture(params=["golden", "shared"], scope="session")
+@pytest.fixture(params=["golden", pytest.param("shared", marks=pytest.mark.slow)], scope="session")
 def swings(request: pytest.FixtureRequest) -> Signals:
     """The damping reference, event-accurate in NumPy and SciPy: thinned, and all of it where `shared` is there."""
     if request.param == "golden":

@@ -33,10 +33,10 @@ def test_scores_are_those_of_the_motion(problem):
     scenario = jax.tree.map(lambda x: x[2], draw_scenarios(problem.study, "population", 4))
     values = {LEAD: jnp.asarray(0.03), SLOPE: jnp.asarray(8.0)}
     assert set(scenario.numbers) == set(problem.study.population.paths)
-    residuals, scores = jax.jit(
-        lambda own, given: (problem.residuals(values, own, given), problem.scores(values, own, given))
+    objective, scores = jax.jit(
+        lambda own, given: (problem.objective(values, own, given, None), problem.scores(values, own, given))
     )(scenario, problem.given)
-    assert residuals @ residuals == pytest.approx(float(scores.log_energy), rel=1e-12)
+    assert float(objective) == pytest.approx(float(scores.log_energy), rel=1e-12)
     # The rule and the robot both make a difference.
     other = jax.tree.map(lambda x: x[3], draw_scenarios(problem.study, "population", 4))
     run = jax.jit(problem.scores)

@@ -132,6 +132,7 @@ def test_ten_thousand_fresh_problems_are_optimal_and_no_worse_than_bvls(family):
     check_against_bvls(family, 10_000, 10_000)
 
 
+@pytest.mark.slow
 @pytest.mark.gradient
 def test_derivatives_agree_with_finite_differences_at_300_random_poses():
     # Central differences of a loss of all stages; poses where a bound or an eigenvalue changes sides within the
@@ -161,7 +162,9 @@ def test_derivatives_agree_with_finite_differences_at_300_random_poses():
 
 
 @pytest.mark.analytic
-@pytest.mark.parametrize("size", [2, 3, 5, 6])
+@pytest.mark.parametrize(
+    "size", [2, pytest.param(3, marks=pytest.mark.slow), pytest.param(5, marks=pytest.mark.slow), 6]
+)
 def test_eigenvalues_and_their_functions_agree_with_lapack(size):
     rng = np.random.default_rng(size)
     matrix = rng.normal(size=(40, size, size))
@@ -207,6 +210,7 @@ def test_what_has_no_answer_says_so(change, status):
     assert np.isnan(found.passive_stiffness).all() == (refused or status == Status.SINGULAR)
 
 
+@pytest.mark.slow
 @pytest.mark.equivalence
 def test_a_batch_is_its_problems_one_by_one():
     lanes = list(fresh("7x6", 5, 11))
