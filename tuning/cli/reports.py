@@ -6,19 +6,21 @@ from pathlib import Path
 
 import click
 
-from tuning.cli.options import JSON, QUIET, emit, output_file
+from tuning.cli.options import JSON, QUIET, emit
 
 
-@click.command(epilog="Example: vsajax report runs/population -o report.html")
+@click.command(epilog="Example: vsajax report runs/population --open")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("other", metavar="[RUN2]", type=click.Path(path_type=Path), required=False)
-@output_file("report.html")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="File; by default RUN/report.html.")
+@click.option("--open", "opens", is_flag=True, help="Show it in the browser.")
 @JSON
 @QUIET
-def report(run: Path, other: Path | None, output: Path, as_json: bool, quiet: bool) -> None:
+def report(run: Path, other: Path | None, output: Path | None, opens: bool, as_json: bool, quiet: bool) -> None:
     """Write what a finished RUN shows as one HTML file; with RUN2, how the two differ."""
     from tuning.errors import input_error
 
+    output = output or run / ("report.html" if other is None else f"report-{other.name}.html")
     if output.is_dir():
         raise input_error(output, "is a folder", "name a file with -o, e.g. report.html")
     from tuning.runtime import start_jax
@@ -43,3 +45,5 @@ def report(run: Path, other: Path | None, output: Path, as_json: bool, quiet: bo
         quiet=quiet,
         text=f"{page.headline}\nwrote {output} ({len(page.pictures)} pictures, {size / 1e6:.1f} MB)",
     )
+    if opens:
+        click.launch(str(output))

@@ -41,7 +41,7 @@ def read(path: Path) -> list[LogFile]:
 def _read_binary(path: Path) -> dict[str, np.ndarray]:
     with tempfile.TemporaryDirectory() as folder:
         archive = Path(folder) / "columns.npz"
-        command = [sys.executable, "-m", "tuning.log_mat_child", str(path.resolve()), str(archive)]
+        command = [sys.executable, "-m", "tuning.logs.mat_child", str(path.resolve()), str(archive)]
         # The package itself may be a checkout that only this process has on its path.
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
@@ -56,7 +56,7 @@ def _read_binary(path: Path) -> dict[str, np.ndarray]:
 def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
     import h5py
 
-    from tuning.log_mat_child import column_name
+    from tuning.logs.mat_child import column_name
 
     found: dict[str, np.ndarray] = {}
 

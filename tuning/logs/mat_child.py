@@ -1,6 +1,6 @@
 """Reads a MATLAB file of version 4 to 7 in a process of its own: SciPy's parser crashes on some damaged ones.
 
-Run as ``python -m tuning.log_mat_child FILE OUTPUT``: writes the arrays of numbers to OUTPUT, an npz archive.
+Run as ``python -m tuning.logs.mat_child FILE OUTPUT``: writes the arrays of numbers to OUTPUT, an npz archive.
 """
 
 from __future__ import annotations
