@@ -19,10 +19,16 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import PyTree
 
 LANES_PER_CHUNK = 64
+Dimension = Any
+"""An int, or a symbolic dimension while a program of any length is exported."""
 
 
 def scan[State](
-    step: Callable[[State, Any], tuple[State, Any]], state: State, inputs: PyTree, *, segment: int | None = None
+    step: Callable[[State, Any], tuple[State, Any]],
+    state: State,
+    inputs: PyTree,
+    *,
+    segment: Dimension | None = None,
 ) -> tuple[State, PyTree]:
     """Run `step` over the leading axis of `inputs`.
 
