@@ -20,7 +20,7 @@ from jaxtyping import PyTree
 
 LANES_PER_CHUNK = 64
 Dimension = Any
-"""An int, or a symbolic dimension while a program of any length is exported."""
+"""An int, a symbolic dimension while a program of any length is exported, or `None`."""
 
 
 def scan[State](
