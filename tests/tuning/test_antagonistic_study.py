@@ -82,6 +82,7 @@ def test_gradient_finds_the_window_from_both_sides():
 
 
 @pytest.mark.cli
+@pytest.mark.slow
 def test_both_families_are_compared_scenario_by_scenario(vsajax, tmp_path):
     words = ["--set", "clock.duration=2.5", "--scenarios", "6", "--json", "-q"]
     ended = vsajax("compare", ANTAGONISTIC, RESIDUAL_PAIR, "-s", ANTAGONISTIC, "-o", tmp_path / "duel", *words)

@@ -199,6 +199,7 @@ def test_the_planted_better_structure_is_chosen(method, tmp_path):
     assert plan_search(best, "gradient", "bfgs", "best.toml").own == found.tuned.values
 
 
+@pytest.mark.slow
 def test_each_structure_is_scored_as_the_study_that_it_is_with_one_trace(tmp_path):
     study = chosen_laws()
     box = BlackBox(study, "tpe", batch=4)

@@ -81,6 +81,7 @@ def test_gradient_tuning_finds_anticipation(vsajax, tmp_path):
 
 
 @pytest.mark.cli
+@pytest.mark.slow
 def test_sweep_and_montecarlo_run_on_controllers(vsajax, tmp_path):
     swept = vsajax("sweep", DAMPING, "-o", tmp_path / "s", "--scenarios", "4", "--grid", f"{LEAD}=0,0.03", *FEW)
     assert (swept.code, swept.err) == (0, "")

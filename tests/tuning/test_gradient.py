@@ -76,6 +76,7 @@ def test_few_residuals_stand_for_all_up_to_the_bounds():
 
 
 @pytest.mark.structure
+@pytest.mark.slow
 def test_memory_grows_neither_with_the_recordings_nor_with_the_residuals():
     def temporary(duration: float) -> int:
         tuner = Search(tiny_tuning(f"clock.duration={duration}", "scenarios.train=4"), "gradient").tuner

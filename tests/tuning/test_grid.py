@@ -87,6 +87,7 @@ def test_a_grid_with_one_motion_is_the_loop(shared_motion):
 
 
 @pytest.mark.equivalence
+@pytest.mark.slow
 def test_a_grid_whose_scenarios_move_differently_is_the_loop():
     problem = Problem(small_sea(), tuple(OWN_MOTION))
     grid = Grid(problem, OWN_MOTION, SCENARIOS)

@@ -358,6 +358,7 @@ def diverged(folder):
 
 
 @pytest.mark.parametrize("command", ["montecarlo", "sweep", "compare"])
+@pytest.mark.slow
 def test_a_run_without_any_score_is_reported_on_all_the_same(command, runs, tmp_path, vsajax):
     copied = shutil.copytree(runs / command, tmp_path / "run")
     diverged(copied)

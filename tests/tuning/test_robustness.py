@@ -88,6 +88,7 @@ def test_a_scenario_without_a_score_fails_and_ranks_worst_but_has_no_part_in_qua
 
 
 @pytest.mark.statistical
+@pytest.mark.slow
 def test_rank_correlations_have_sign_and_honest_intervals():
     vary = {"a": {"type": "normal", "mean": 0.0, "std": 1.0}}
     population = Population.model_validate({"vary": vary})

@@ -126,7 +126,7 @@ def test_the_screening_and_the_gradient_see_one_objective():
     search = Search(tiny_tuning("scorer.warm_up=0.05", "tune.objective='msrep_settled'"), "gradient")
     points = np.array([[0.5, 0.95], [5.0, 0.9]])
     starts = [{PRIOR: jnp.asarray(p), FORGETTING: jnp.asarray(f)} for p, f in points]
-    values = [search.tuner.objective(search.space.unconstrain(start), search.problem.given) for start in starts]
+    values = [search.tuner.objective(search.space.unconstrain(start), search.tuner.given) for start in starts]
     # Sums of 200 squares in two orders, at numbers that came through exp and log.
     np.testing.assert_allclose(search.screen(points), values, rtol=1e-9)
 

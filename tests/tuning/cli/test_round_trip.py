@@ -61,6 +61,7 @@ def test_a_new_study_goes_where_it_is_told(vsajax, tmp_path):
 
 
 @pytest.mark.cli
+@pytest.mark.slow
 def test_who_wants_quiet_is_told_nothing(vsajax, tmp_path):
     for words in (
         ("check", SERIAL),
