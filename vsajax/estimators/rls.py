@@ -281,8 +281,11 @@ class RecursiveLeastSquares(eqx.Module):
         covariance of a direction that is no longer excited outgrows the prior; the count stops at 0.
         """
         rows = state.covariance
-        trace = dot([rows[i][i] for i in range(len(rows))], [jnp.ones_like(state.weight)] * len(rows))
-        trace = self._with_prior(trace, lambda: jnp.sum(jnp.square(jnp.stack(rows))))
+        ones = [jnp.ones_like(state.weight)] * len(rows)
+        trace = dot([rows[i][i] for i in range(len(rows))], ones)
+        squares = sum((row * row for row in rows[1:]), rows[0] * rows[0])
+        total = dot([squares[i] for i in range(len(rows))], ones)
+        trace = self._with_prior(trace, lambda: total)
         return jnp.maximum(len(rows) - trace / self.prior_scale, 0.0)
 
     def _with_prior(self, value: Scalar, slope: Callable[[], Scalar]) -> Scalar:
