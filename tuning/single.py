@@ -16,7 +16,7 @@ from tuning.control_problem import ControlProblem, problem_of
 from tuning.errors import input_error
 from tuning.logs.analysis import Analysis, analyse, clock_facts, leaves_floor
 from tuning.logs.reading import RecordingTable
-from tuning.problem import Problem, Stream, draw_scenarios
+from tuning.problem import Problem, Scenario, Stream, draw_scenarios
 from tuning.study import Config, DampingStudy, EstimationStudy, Study, with_numbers
 from vsajax import Estimate, Recording, experiment
 from vsajax.closed_loop import Exchange
@@ -49,7 +49,7 @@ def simulate_recording(study: EstimationStudy, scenario: int) -> tuple[dict[str,
         InputError: the motion is not finite.
     """
     problem = Problem(study)
-    drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
+    drawn = _replayed(study, scenario)
     truth, recording = problem.record(drawn, problem.given)
     signals = {name: value for name, value in recording._asdict().items() if value is not None}
     signals |= {
@@ -57,10 +57,7 @@ def simulate_recording(study: EstimationStudy, scenario: int) -> tuple[dict[str,
         "true_elastic_torque": truth.motion.elastic_torque,
     }
     columns = {name: np.asarray(value) for name, value in signals.items()}
-    if not all(np.isfinite(values).all() for values in columns.values()):
-        raise input_error(
-            "joint", "the simulated motion is not finite", "check its springs, inertias and excitation"
-        )
+    _check_finite(columns, "joint", "check its springs, inertias and excitation")
     return columns, problem.substeps
 
 
@@ -76,7 +73,7 @@ def simulate_swing(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], 
     """
     problem = problem_of(study)
     assert isinstance(problem, ControlProblem)
-    drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
+    drawn = _replayed(study, scenario)
     motion = problem.motion(drawn, problem.given)
     columns = {
         "time": motion.time,
@@ -87,19 +84,27 @@ def simulate_swing(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], 
         "commanded_stiffness": motion.commanded[0],
     }
     found = {name: np.asarray(values) for name, values in columns.items()}
-    if not all(np.isfinite(values).all() for values in found.values()):
-        raise input_error("controller", "the simulated motion is not finite", "check its gains, or set `substeps`")
+    _check_finite(found, "controller", "check its gains, or set `substeps`")
     return found, problem.substeps
 
 
 def simulate_exchange(study: DampingStudy, scenario: int) -> Exchange:
     """Return what the controller was told in the loop that `simulate_swing` runs, and what it answered."""
     problem = ControlProblem(study)
-    drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
+    drawn = _replayed(study, scenario)
     exchange = problem.exchange(drawn, problem.given)
-    if not all(np.isfinite(values).all() for values in jax.tree.leaves(exchange)):
-        raise input_error("controller", "the simulated motion is not finite", "check its gains, or set `substeps`")
+    _check_finite(exchange, "controller", "check its gains, or set `substeps`")
     return exchange
+
+
+def _replayed(study: Study, scenario: int) -> Scenario:
+    """Return the scenario that a number names."""
+    return jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
+
+
+def _check_finite(signals: Any, key: str, way_out: str) -> None:
+    if not all(np.isfinite(values).all() for values in jax.tree.leaves(signals)):
+        raise input_error(key, "the simulated motion is not finite", way_out)
 
 
 @dataclass(frozen=True)

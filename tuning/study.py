@@ -10,7 +10,6 @@ import copy
 import difflib
 import hashlib
 import json
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -30,6 +29,7 @@ from tuning.resources import preset_path
 from tuning.schema import Table, read_toml, validate
 from tuning.statistic import Statistic
 from tuning.structures import Chosen, blame, check_choices, combinations, settings_of
+from tuning.tables import merge, put, with_settings
 
 SCHEMA_VERSION = 1
 
@@ -448,35 +448,6 @@ def _check_value(study: Study, path: str, value: float, where: str) -> list[Mist
     return []
 
 
-def with_settings(data: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
-    """Return tables with `a.b=value` settings applied."""
-    for setting in settings:
-        path, separator, text = setting.partition("=")
-        if not separator or not path.strip():
-            raise input_error(
-                f"--set {setting}", "is not of the form a.b=value", "e.g. --set estimator.fit.prior_scale=0.1"
-            )
-        try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            value = text
-        try:
-            put(data, path.strip().split("."), value)
-        except TypeError:
-            raise input_error(f"--set {setting}", "leads through a value that is not a table") from None
-    return data
-
-
-def put(tables: dict[str, Any], keys: Sequence[str], value: Any) -> None:
-    """Set a value at a path, making tables on the way."""
-    *parents, last = keys
-    for key in parents:
-        tables = tables.setdefault(key, {})
-        if not isinstance(tables, dict):
-            raise TypeError(key)
-    tables[last] = value
-
-
 def _with_preset(data: dict[str, Any], place: str) -> dict[str, Any]:
     """Replace `joint.preset` by the preset's tables, which the joint's other keys override."""
     joint = data.get("joint")
@@ -484,19 +455,3 @@ def _with_preset(data: dict[str, Any], place: str) -> dict[str, Any]:
         return data
     own = {key: value for key, value in joint.items() if key != "preset"}
     return data | {"joint": merge(read_toml(preset_path(joint["preset"], f"{place}: joint.preset")), own)}
-
-
-def merge(base: dict[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a preset's tables with those of a study in their place."""
-    merged = dict(base)
-    for key, value in override.items():
-        inner = merged.get(key)
-        merged[key] = value
-        # Another type of spring shares no key with the preset's: it replaces the table.
-        if (
-            isinstance(inner, dict)
-            and isinstance(value, Mapping)
-            and value.get("type", inner.get("type")) == inner.get("type")
-        ):
-            merged[key] = merge(inner, value)
-    return merged

@@ -12,7 +12,7 @@ from tuning.errors import InputError, Mistake
 from tuning.parts.base import AtLeastOne, NonNegative, Positive
 from tuning.resources import choose
 from tuning.schema import Table, read_toml, validate
-from tuning.study import merge, with_settings
+from tuning.tables import merge, with_settings
 
 Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]

@@ -13,7 +13,8 @@ from tuning.errors import InputError, Mistake, input_error
 from tuning.parts.base import AtLeastOne, Positive
 from tuning.parts.estimators import StiffnessEstimator
 from tuning.schema import Table, read_toml, validate
-from tuning.study import Config, check_path, numeric_paths, put, resolved, with_settings
+from tuning.study import Config, check_path, numeric_paths, resolved
+from tuning.tables import put, with_settings
 
 
 class LoggedRecording(Table):
