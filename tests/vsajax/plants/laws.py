@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
+
 from tests.vsajax.builders import PITCH
 from vsajax.plants import (
     CubicSpring,
@@ -10,6 +12,7 @@ from vsajax.plants import (
     LeverSpring,
     LinearSpring,
     PolynomialSpring,
+    PresetSpring,
 )
 
 SPRINGS = {
@@ -20,4 +23,8 @@ SPRINGS = {
     "regressive": ExponentialSpring(0.4, 9.0, side=-1.0),
     "hyperbolic": HyperbolicSpring(0.0026, 8.9995),
     "lever": LeverSpring(spring_rate=14220.0, arm=0.1, pitch=PITCH),
+    "preset": PresetSpring(0.2),
 }
+SETPOINTS = {name: jnp.asarray([-0.03 / PITCH, -0.01 / PITCH, 0.0]) for name in SPRINGS}
+# The set-point of a preset spring is its stiffness without load.
+SETPOINTS["preset"] = jnp.asarray([300.0, 50.0, 5.0])
