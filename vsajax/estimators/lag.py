@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from vsajax.numerics import once
 from vsajax.types import Scalar
 
 
@@ -24,8 +25,8 @@ def start_lag(values: tuple[Scalar, ...]) -> LagState:
     return LagState(tuple(jnp.zeros_like(x) for x in values), values)
 
 
-def lagged(state: LagState, values: tuple[Scalar, ...], gain: Scalar, dt: Scalar) -> tuple[Scalar, ...]:
-    """Return values through the first-order lag K / (s + K), by the trapezoidal rule.
+def lagged(state: LagState, values: tuple[Scalar, ...], gain: Scalar, dt: Scalar) -> LagState:
+    """Return the state whose outputs are values through the first-order lag K / (s + K), by the trapezoidal rule.
 
     y(k) = ((2 − TK) y(k−1) + TK (x(k) + x(k−1))) / (2 + TK): to rounding what the residual observer (8) of Flacco
     et al., IROS 2011, makes of an elastic torque x, on an irregular clock too. As the lag is linear, a torque that
@@ -39,7 +40,8 @@ def lagged(state: LagState, values: tuple[Scalar, ...], gain: Scalar, dt: Scalar
     """
     gain_step = gain * dt
     scale = 1.0 / (2.0 + gain_step)
-    return tuple(
+    outputs = tuple(
         ((2.0 - gain_step) * y + gain_step * (x + before)) * scale
         for y, x, before in zip(state.outputs, values, state.inputs, strict=True)
     )
+    return LagState(once(outputs), values)

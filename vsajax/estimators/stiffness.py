@@ -84,8 +84,8 @@ class StiffnessEstimator(AbstractEstimator):
         features, slopes = once(self.basis(kinematics.setpoint, kinematics.deflection))
         lag, gain, regressors = state.lag, self.torque.lag, features
         if lag is not None and gain is not None:
-            regressors = once(lagged(lag, features, gain, sample.dt))
-            lag = LagState(regressors, features)
+            lag = lagged(lag, features, gain, sample.dt)
+            regressors = lag.outputs
         fit, factor = self.fit.step(state.fit, regressors, torque)
         stiffness = once(self.fit.predict(fit, slopes))
         std = once(jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0)))
