@@ -1,4 +1,4 @@
-"""Double precision, two host devices, run-time type checks of `vsajax`, and the reference signals."""
+"""Double precision, two host devices, compiled programs shared, type checks of `vsajax`, reference signals."""
 
 from __future__ import annotations
 
@@ -19,6 +19,22 @@ jaxtyping.install_import_hook("vsajax", "beartype.beartype")
 TESTS = Path(__file__).parent
 
 Signals = dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled(tmp_path_factory):
+    """Keep compiled programs in one folder for every worker and subprocess of this run, out of the user's home.
+
+    Many tests ask for the same small programs, and jax forgets a jitted function with the object that held it.
+    """
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiled"
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("VSAJAX_CACHE", str(folder))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -10,19 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from tuning.control_problem import AnyProblem
+from tuning.descent import Algorithm, Descended, descent, ending
 from tuning.problem import Problem, Scenario
 from tuning.space import Space, Vector
 from vsajax import experiment, rollout
 
-Algorithm = Literal["levenberg-marquardt", "bfgs"]
 LANES_PER_CHUNK = 128
 """A chunk of several is copied out of all recordings; a single one, on every core, is not."""
 Lane = tuple[Scenario, experiment.Observed | None]
@@ -136,40 +135,15 @@ class GradientTuner:
         return jnp.asarray(self.problem.study.tune.statistic.ranked_weights(scores.size))[ranks]
 
     @cached_property
-    def _solve(self) -> Callable[[Vector, Any], tuple[Vector, Float[Array, ""], Any, Any]]:
-        @jax.jit
-        def solve(z: Vector, given: Any) -> tuple[Vector, Float[Array, ""], Any, Any]:
-            if self.algorithm == "bfgs":
-                solution = optx.minimise(
-                    self.objective,
-                    optx.BFGS(rtol=1e-3, atol=1e-9),
-                    z,
-                    args=given,
-                    options={"autodiff_mode": "fwd"},
-                    max_steps=self.max_steps,
-                    throw=False,
-                )
-            else:
-                solution = optx.least_squares(
-                    self.residuals,
-                    optx.LevenbergMarquardt(rtol=1e-3, atol=1e-9),
-                    z,
-                    args=given,
-                    options={"jac": "fwd"},
-                    max_steps=self.max_steps,
-                    throw=False,
-                )
-            best = self.objective(solution.value, given)
-            return solution.value, best, solution.stats["num_steps"], solution.result
-
-        return solve
+    def _descend(self) -> Callable[[Vector, Any], Descended]:
+        return descent(self.objective, self.residuals, max_steps=self.max_steps, algorithm=self.algorithm)
 
     def run(self, start: dict[str, float]) -> Outcome:
         """Minimise from one start. Starts are run one after another: batched ones wait for the slowest."""
         z = self.space.unconstrain({path: jnp.asarray(value) for path, value in start.items()})
-        z, objective, steps, result = self._solve(z, self.given)
-        values = {path: float(value) for path, value in self.space.constrain(z).items()}
-        return Outcome(start, values, float(objective), int(steps), _ending(result))
+        end = self._descend(z, self.given)
+        values = {path: float(value) for path, value in self.space.constrain(end.z).items()}
+        return Outcome(start, values, float(end.value), int(end.steps), ending(end.result))
 
 
 def _root(square: Float[Array, "q q"]) -> Float[Array, "q q"]:
@@ -178,11 +152,3 @@ def _root(square: Float[Array, "q q"]) -> Float[Array, "q q"]:
     scale = jnp.where(size > 0.0, size, 1.0)
     values, vectors = jnp.linalg.eigh(square / (scale[:, None] * scale))
     return jnp.sqrt(jnp.maximum(values, 0.0))[:, None] * vectors.T * scale
-
-
-def _ending(result: optx.RESULTS) -> str:
-    if bool(result == optx.RESULTS.successful):
-        return "converged"
-    if bool(result == optx.RESULTS.nonlinear_max_steps_reached):
-        return "step limit"
-    return optx.RESULTS[result].splitlines()[0]

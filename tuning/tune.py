@@ -18,8 +18,9 @@ import pyarrow.parquet as pq
 from scipy import stats
 
 from tuning.control_problem import AnyProblem, problem_of
+from tuning.descent import Algorithm
 from tuning.errors import InputError, input_error
-from tuning.gradient import Algorithm, GradientTuner, Outcome
+from tuning.gradient import GradientTuner, Outcome
 from tuning.grid import Grid, lane_program
 from tuning.judging import Judgement, judge
 from tuning.problem import Scenario, Stream, draw_scenarios

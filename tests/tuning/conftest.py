@@ -1,8 +1,7 @@
-"""The command line inside the test process, and compiled programs kept out of the user's home."""
+"""The command line inside the test process."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -18,16 +17,6 @@ class Ended(NamedTuple):
     code: int
     out: str
     err: str
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _cache(tmp_path_factory):
-    # One folder for all workers of a run: their subprocesses need not compile a program twice.
-    base = tmp_path_factory.getbasetemp()
-    folder = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("VSAJAX_CACHE", str(folder / "compiled"))
-        yield
 
 
 @pytest.fixture

@@ -14,11 +14,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Bool, Float
 from scipy import stats
 
 from tuning.build import build_estimator, number
+from tuning.descent import descent, ending
 from tuning.errors import InputError, Mistake, input_error
 from tuning.logs.files import write_table
 from tuning.logs.reading import RecordingTable, read_recording
@@ -158,20 +158,6 @@ class LogSearch:
         shares = np.clip(shares, 1e-3, 1.0 - 1e-3)
         return np.concatenate([np.asarray(self.space.unconstrain(own))[None], np.log(shares / (1.0 - shares))])
 
-    @cached_property
-    def _solve(self) -> Any:
-        @jax.jit
-        def solve(z: Vector, given: Any) -> Any:
-            solver = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-9)
-            options = {"jac": "fwd"}
-            steps = self.study.tune.max_steps
-            solution = optx.least_squares(
-                self.residuals, solver, z, args=given, options=options, max_steps=steps, throw=False
-            )
-            return solution.value, self.objective(solution.value, given), solution.result
-
-        return solve
-
     def run(self, *, quiet: bool = False) -> TunedLog:
         """Screen, refine from the best, and judge."""
         points = self.screened()
@@ -179,12 +165,13 @@ class LogSearch:
         values = np.asarray(scores(jnp.asarray(points), self.given))
         order = np.argsort(np.where(np.isfinite(values), values, np.inf))
         starts = list(dict.fromkeys([0, *map(int, order)]))[: self.study.tune.starts]
+        descend = descent(self.objective, self.residuals, max_steps=self.study.tune.max_steps, rtol=1e-4)
         found, messages = [], []
         with progress("tune (log)", len(starts), quiet=quiet) as advance:
             for start in starts:
-                z, value, result = self._solve(jnp.asarray(points[start]), self.given)
-                messages.append("converged" if result == optx.RESULTS.successful else "step limit")
-                found.append((np.asarray(z), float(value)))
+                end = descend(jnp.asarray(points[start]), self.given)
+                messages.append(ending(end.result))
+                found.append((np.asarray(end.z), float(end.value)))
                 advance()
         tried = np.concatenate([points, [z for z, _ in found]])
         objective = np.concatenate([values, [value for _, value in found]])

@@ -27,6 +27,7 @@ def shell(*words: object, **environment: str) -> subprocess.CompletedProcess[str
 
 
 @pytest.mark.cli
+@pytest.mark.benchmark
 @pytest.mark.parametrize(
     ("words", "limit"), [(("--help",), 0.3), (("check", SERIAL), 0.8), (("check", SERIAL, "--quiet"), 0.8)]
 )
