@@ -27,10 +27,10 @@ demo: $(READY)
 	@echo "Done. The pictures are in runs/demo and its folders; the tuned configuration is runs/demo/tune/best.toml."
 
 test: $(READY)
-	$(BIN)/pytest -n 2 -m 'not slow and not benchmark'
+	$(BIN)/pytest -n 2 --dist loadfile -m 'not slow and not benchmark'
 
 test-all: $(READY)
-	$(BIN)/pytest -n 2 -m 'not benchmark'
+	$(BIN)/pytest -n 2 --dist loadfile -m 'not benchmark'
 
 lint: $(READY)
 	$(BIN)/ruff format --check .

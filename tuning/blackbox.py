@@ -330,8 +330,11 @@ def _columns(box: BlackBox, trials: Sequence[Trial]) -> dict[str, np.ndarray]:
         columns[_choice_key(name)] = np.array([trial.chosen[name] for trial in trials])
     for path in box.study.tune.parameters:
         columns[path] = np.array([trial.values.get(path, math.nan) for trial in trials])
-    for name in ("objective", "convergence_time", "seconds"):
+    for name in ("objective", "convergence_time"):
         columns[name] = np.array([getattr(trial, name) for trial in trials])
+    # Of a batch, which is timed as a whole, each trial's share.
+    ends, batch, size = np.unique([trial.seconds for trial in trials], return_inverse=True, return_counts=True)
+    columns["seconds"] = (np.diff(ends, prepend=0.0) / size)[batch]
     return columns | {"state": np.array(["scored" if trial.is_scored else "failed" for trial in trials])}
 
 

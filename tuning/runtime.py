@@ -7,9 +7,11 @@ import sys
 from pathlib import Path
 
 _DEVICES = "--xla_force_host_platform_device_count"
-_UNROLLING = "--xla_backend_extra_options"
+_LLVM = "--xla_backend_extra_options"
+_LLVM_OPTIONS = "-unroll-full-max-count=8,-post-RA-scheduler=0"
 """LLVM unrolls short inner loops, such as those over a covariance's columns, into scalar code before it would
-vectorise them; fewer unrolled turns leave them to the vectoriser (estimator with d = 18: a third faster)."""
+vectorise them; fewer unrolled turns leave them to the vectoriser (estimator with d = 18: a third faster). Its second
+scheduler looks at every pair of loads and stores of a sample's body: a fifth of the compilation, and no gain."""
 
 
 def usable_cores() -> int:
@@ -29,7 +31,7 @@ def start_jax() -> None:
     A host device a core must be asked for before jax' first computation. What the user's XLA_FLAGS give is kept.
     """
     flags = os.environ.get("XLA_FLAGS", "")
-    wanted = {_DEVICES: str(usable_cores()), _UNROLLING: "-unroll-full-max-count=8"}
+    wanted = {_DEVICES: str(usable_cores()), _LLVM: _LLVM_OPTIONS}
     missing = (f"{flag}={value}" for flag, value in wanted.items() if flag not in flags)
     os.environ["XLA_FLAGS"] = " ".join([flags, *missing]).strip()
     import jax

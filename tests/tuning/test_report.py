@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -18,6 +19,7 @@ from tuning import runtime
 from tuning.cli.main import run as run_command
 from tuning.figures import new_figure
 from tuning.report import page, pictures, tables
+from tuning.report.effort import effort_of, tabulate_effort
 from tuning.report.gather import open_finished, short_names
 from tuning.report.replay import Replay
 from tuning.robustness import Interval
@@ -304,6 +306,23 @@ def test_the_front_is_what_nothing_beats():
 
 
 @pytest.mark.statistical
+def test_the_effort_of_a_search_counts_steps_and_time_until_a_score_is_reached():
+    def search(**columns: list[float]) -> SimpleNamespace:
+        return SimpleNamespace(columns={name: np.array(values) for name, values in columns.items()})
+
+    gradient = search(objective=[9.0, np.nan, 5.0, 2.0], steps=[0, 0, 0, 7], seconds=[1.0, 1.0, 1.0, 4.0])
+    trials = search(objective=[8.0, 1.0, 3.0], seconds=[0.5, 0.5, 0.5])
+    effort = effort_of(gradient)
+    np.testing.assert_array_equal(effort.evaluations, [1, 2, 3, 10])
+    np.testing.assert_array_equal(effort.best, [9.0, 9.0, 5.0, 2.0])
+    assert effort.reach(5.0) == (3, 3.0)
+    assert effort.reach(1.9) is None
+    # Both reach 2 % and one in a hundred more.
+    first, second = tabulate_effort({"gradient": gradient, "trials": trials}).rows
+    assert first == ["gradient", 2.0, 10, 7.0, 10, 7.0]
+    assert second == ["trials", 1.0, 3, 1.5, 2, 1.0]
+
+
 @pytest.mark.parametrize("statistic", tables.STATISTICS, ids=lambda s: s.label)
 def test_intervals_of_many_scenarios_are_those_of_the_bootstrap(statistic, monkeypatch):
     rng = np.random.default_rng(1)

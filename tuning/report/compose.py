@@ -9,6 +9,7 @@ import numpy as np
 
 from tuning.report import pictures, tables
 from tuning.report.comparison import describe_comparison
+from tuning.report.effort import show_effort, tabulate_effort
 from tuning.report.elements import say_difference, say_value, show_distributions, show_traces
 from tuning.report.gather import Contestant, FinishedRun, is_paired, short_names
 from tuning.report.page import Page, Picture
@@ -68,6 +69,8 @@ def report_pair(first: FinishedRun, second: FinishedRun) -> Page:
         tables.tabulate_changes(tables.study_tables(a), tables.study_tables(b), (a.name, b.name)),
     ]
     runs = {a.name: first, b.name: second}
+    if first.command == "tune":
+        found.insert(0, tabulate_effort(runs))
     return Page(
         title=f"{first.command}: {a.name} and {b.name}",
         headline=headline,
@@ -91,8 +94,11 @@ def _definitions(first: dict[str, str], second: dict[str, str]) -> dict[str, str
 
 
 def _pair_pictures(runs: dict[str, FinishedRun], a: Contestant, b: Contestant, *, same: bool) -> Iterator[Picture]:
-    objective = next(iter(runs.values())).objective
+    run = next(iter(runs.values()))
+    objective = run.objective
     yield show_distributions([a, b], objective)
+    if run.command == "tune":
+        yield from show_effort(runs)
     if same:
         first, second = tables.both_finite(a.scores[objective], b.scores[objective])
         yield Picture(

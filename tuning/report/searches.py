@@ -12,6 +12,7 @@ import numpy as np
 from tuning.figures import NEAR, draw_sweep
 from tuning.population_figures import time_of
 from tuning.report import pictures, tables
+from tuning.report.effort import show_effort
 from tuning.report.elements import (
     Parts,
     renamed,
@@ -147,6 +148,7 @@ def _tune_pictures(run: FinishedRun) -> Iterator[Picture]:
     if len(names) > 1 and len(tried) > 1:
         yield _points(tried, names, label)
         yield show_parallel(tried, names, "objective", label)
+    yield from show_effort({"": run})
     if "convergence_time" in run.columns:
         yield show_front(run.columns["objective"], run.columns["convergence_time"], label)
 
