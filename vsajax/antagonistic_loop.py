@@ -1,7 +1,7 @@
 """A damping controller on an agonist-antagonist joint, whose stiffness is co-contraction through an estimate.
 
-The joint is the one of `plants`: two motors pull the link through nonlinear springs, and what is stiff or soft is how
-far they pull apart. To give the stiffness that a controller asks for one has to know both springs. A pair of
+The joint is the one of `plants`: two motors pull the link through nonlinear springs, and how far they pull apart
+sets how stiff it is. To give the stiffness that a controller asks for one has to know both springs. A pair of
 estimators in the loop learns them from motor torques and positions alone; until both are known, springs that are
 merely believed stand in. As `closed_loop`, this module knows plants, estimators and controllers; it is unbatched.
 """

@@ -222,6 +222,7 @@ def law_over_optimum(times: np.ndarray, cost: switching.EndCost) -> np.ndarray:
 
 def reproduce(folder: Path | None) -> Report:
     """Compute and judge every row; draw the figures into `folder` unless it is `None`."""
+    from tuning.reproduce import damping_antagonism as antagonism
     from tuning.reproduce import damping_estimation as estimation
 
     rows = [
@@ -232,12 +233,13 @@ def reproduce(folder: Path | None) -> Report:
         *_anticipation_rows(),
         *_arm_rows(),
         *estimation.rows(),
+        *antagonism.rows(),
     ]
     figures: list[Path] = []
     if folder is not None:
         from tuning.reproduce.damping_figures import draw
 
-        figures = [*draw(folder), estimation.draw(folder)]
+        figures = [*draw(folder), estimation.draw(folder), antagonism.draw(folder)]
     return Report(_TITLE, rows, figures, _findings())
 
 
