@@ -77,7 +77,8 @@ def contest(
     open_run(folder, "contest", study, {"method": method, "batch": batch, "trials": trials}, [], resume=resume)
     entrants = [_tune(chosen, own, folder, method, trials, batch, resume, quiet) for chosen, own in found]
     entrants.sort(key=lambda entrant: entrant.train)
-    configs = {entrant.name: load_config(entrant.path) for entrant in entrants}
+    # Named by their files, from which `vsajax report` simulates them again.
+    configs = {str(entrant.path): load_config(entrant.path) for entrant in entrants}
     judged = compare(contenders(configs, study, place), folder / "compare", resume=resume, quiet=quiet)
     return [replace(one, judged=by) for one, by in zip(entrants, judged, strict=True)]
 

@@ -327,7 +327,7 @@ def contest(
     found = {entrant.name: entrant.judged for entrant in entrants if entrant.judged is not None}
     rows, lines, picture = _compared(loaded, list(found.values()), list(found), folder / "compare")
     for row, entrant in zip(rows, entrants, strict=True):
-        row |= {"best": entrant.path, "values": entrant.values, "train": entrant.train}
+        row |= {"config": entrant.name, "best": entrant.path, "values": entrant.values, "train": entrant.train}
     emit(
         {"run": folder, "compare": folder / "compare", "picture": picture, "configs": rows},
         as_json=as_json,

@@ -338,8 +338,9 @@ def _anticipation_rows() -> list[Row]:
     law = float(mean_settling(link_loop(CONTROLLERS["law"], **fine))[0])
     lead = control.StiffnessSwitch(SOFT, STIFF, control.TimeLead(0.5 * TRAVEL, 0.5 * TRAVEL))
     led = float(mean_settling(link_loop(lead, **fine))[0])
+    longer: dict[str, Any] = {**fine, "duration": 4.0}
     shares = control.StiffnessSwitch(SOFT, STIFF, control.RelativeThresholds(*_SHARES))
-    relative = mean_settling(link_loop(shares, **fine | {"duration": 4.0}), (INERTIA, 2 * INERTIA))
+    relative = mean_settling(link_loop(shares, **longer), (INERTIA, 2 * INERTIA))
     (a, c), *_ = tuned_conic()
     tuned = control.StiffnessSwitch(SOFT, STIFF, control.Conic(a, c))
     own, double = map(float, mean_settling(link_loop(tuned, travel=TRAVEL), (INERTIA, 2 * INERTIA)))
