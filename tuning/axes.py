@@ -16,12 +16,13 @@ _RANGE = re.compile(r"^(log|lin|linear)\(([^,]+),([^,]+),([^,]+)\)$")
 
 
 class Bounds(Table):
-    """The interval in which a number is searched."""
+    """The interval in which a number is searched; with `only`, in those options of the study's choices alone."""
 
     low: float
     high: float
     scale: Scale = "log"
     points: Annotated[int, Field(ge=2)] = 5
+    only: Annotated[list[str], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

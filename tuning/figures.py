@@ -23,6 +23,8 @@ TRUTH, ESTIMATE, OTHER, QUIET = "#222222", "#0072b2", "#d55e00", "#bbbbbb"
 NEAR = 1.05
 """Factor on the best score within which a configuration counts as near the best."""
 _MAP = "viridis_r"
+_DASHES = ("-", "--", "-.")
+"""Of curves that have run through all colours."""
 mpl.rcParams.update(
     {
         "font.size": 9.5,
@@ -267,10 +269,10 @@ def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
     figure, axis = new_figure(6.4, 3.8)
     colours = [OTHER, ESTIMATE, "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
     for i, (label, values) in enumerate(each.items()):
-        colour = colours[i % len(colours)]
+        colour, dashes = colours[i % len(colours)], _DASHES[i // len(colours) % len(_DASHES)]
         finite = np.sort(values[np.isfinite(values)])
         if not finite.size:
-            axis.plot([], [], color=colour, label=f"{plain(label)}: every scenario diverged")
+            axis.plot([], [], dashes, color=colour, label=f"{plain(label)}: every scenario diverged")
             continue
         share = (np.arange(finite.size) + 1) / finite.size
         axis.step(
@@ -278,6 +280,7 @@ def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
             100 * share,
             where="post",
             color=colour,
+            linestyle=dashes,
             label=f"{plain(label)}: mean {finite.mean():.3g}{unit}",
         )
         axis.axvline(finite.mean(), color=colour, linestyle=":", linewidth=1)

@@ -13,7 +13,10 @@ Choices = Mapping[str, Mapping[str, Mapping[str, Any]]]
 Chosen = dict[str, str]
 """Choice -> option."""
 
-_ROOTS = ("joint", "excitation", "sensing", "clock", "estimator")
+_ROOTS = (
+    *("joint", "excitation", "sensing", "clock", "estimator"),
+    *("plant", "impact", "sensor", "observer", "controller"),
+)
 
 
 def combinations(choices: Choices) -> list[Chosen]:

@@ -282,7 +282,12 @@ def _structure(study: Study, chosen: Chosen) -> Study:
             raise input_error(path, "leads through a value that is not a table") from None
     tune, sweep = tables["tune"] | {"choices": {}}, tables["sweep"]
     numbers = numeric_paths(parse_study(tables | {"tune": tune | {"parameters": {}}, "sweep": {}}, ""))
-    tune["parameters"] = {path: bounds for path, bounds in tune["parameters"].items() if path in numbers}
+    options = set(chosen.values())
+    tune["parameters"] = {
+        path: {key: value for key, value in bounds.items() if key != "only"}
+        for path, bounds in tune["parameters"].items()
+        if path in numbers and ("only" not in bounds or options & set(bounds["only"]))
+    }
     sweep["grid"] = {path: axis for path, axis in sweep["grid"].items() if path in numbers}
     return parse_study(tables | {"tune": tune, "sweep": sweep}, "")
 
@@ -321,9 +326,25 @@ def _check_together(study: Study, place: str) -> None:
                 mistakes += _check_values(study, path, axis, where)
     if study.tune.choices and not mistakes:
         mistakes += _check_structures(study, place)
+    mistakes += _check_only(study, place)
     mistakes += _check_population(study, place, numbers)
     if mistakes:
         raise InputError(*mistakes)
+
+
+def _check_only(study: Study, place: str) -> list[Mistake]:
+    """Check that parameters which exist in some options alone name options."""
+    options = [option for choice in study.tune.choices.values() for option in choice]
+    return [
+        Mistake(
+            f"{place}: tune.parameters.{path!r}.only",
+            f"names {option!r}, which is no option of tune.choices",
+            f"allowed: {', '.join(options)}" if options else "remove it: there are no choices",
+        )
+        for path, bounds in study.tune.parameters.items()
+        for option in bounds.only or []
+        if option not in options
+    ]
 
 
 def _check_estimation(study: EstimationStudy, place: str) -> list[Mistake]:

@@ -216,9 +216,11 @@ def _check_derivatives(study: DampingStudy, method: Method, place: str) -> None:
     if study.tune.objective != "log_energy":
         problem = f"got {study.tune.objective!r}, a staircase, for --method {method}"
         raise input_error(f"{place}: tune.objective", problem, f'set it to "log_energy", or {fix}')
-    if study.controller.type == "switch":
+    own = study.controller
+    path, chosen = ("controller.stiffness", own.stiffness) if own.type == "combined" else ("controller", own)
+    if chosen.type == "switch":
         problem = f"got 'switch', whose score jumps, for --method {method}"
-        raise input_error(f"{place}: controller.type", problem, f'set it to "smooth", or {fix}')
+        raise input_error(f"{place}: {path}.type", problem, f'set it to "smooth", or {fix}')
 
 
 def nothing_to_tune(place: str) -> InputError:

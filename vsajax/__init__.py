@@ -8,6 +8,7 @@ and, for controllers that damp by stiffness, ``score = metric(simulate(plant, co
 """
 
 from vsajax import (
+    antagonistic_loop,
     arm_loop,
     arms,
     closed_loop,
@@ -48,6 +49,7 @@ __all__ = [
     "SwingScorer",
     "SwingScores",
     "Truth",
+    "antagonistic_loop",
     "arm_loop",
     "arms",
     "closed_loop",

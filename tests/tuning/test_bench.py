@@ -11,13 +11,16 @@ import jax
 import numpy as np
 import pytest
 
-from tuning.bench import measure, opponent, record
+from tuning.bench import damping, measure, opponent, record
 from tuning.bench.kernels import KERNELS
 from tuning.bench.measure import Row, measure_kernel
 from tuning.bench.workload import AGREEMENT, Kernel, Workload
+from tuning.build import with_leaves
 from tuning.errors import InputError
+from vsajax import closed_loop
 
 TWINS = ["awas_plant", "antagonistic_plant", "serial_estimator", "sweep", "algebraic_observer"]
+LOOPS = ["damping_loop", "damping_loop_sensed"]
 SMALL = {
     "awas_plant": (3, ["clock.duration=0.2"]),
     "antagonistic_plant": (3, ["clock.duration=0.2"]),
@@ -54,9 +57,33 @@ def test_c_computes_what_we_compute(name, c):
 
 @pytest.mark.contract
 def test_every_kernel_of_c_has_a_limit_and_a_test():
-    assert [name for name, kernel in KERNELS.items() if kernel.limit is None] == ["serial_all_scores"]
-    assert set(TWINS) == KERNELS.keys() - {"serial_all_scores", "gradient"}
+    free = {name for name, kernel in KERNELS.items() if kernel.limit is None}
+    assert free == {"serial_all_scores", *LOOPS}
+    assert set(TWINS) == KERNELS.keys() - {"serial_all_scores", "gradient", *LOOPS}
     assert all(kernel.counting for kernel in KERNELS.values())
+
+
+@pytest.mark.equivalence
+def test_closed_loops_are_timed_on_what_the_study_scores():
+    settings = ["clock.duration=0.1"]
+    for sensed, name in enumerate(LOOPS):
+        work = KERNELS[name].prepare(3, settings)
+        found = work.program(*work.arguments)
+        problem = damping.problem_of(settings, sensed=bool(sensed))
+        (numbers, keys), loop = work.arguments
+        own = {path: values[1] for path, values in numbers.items()}
+        alone = closed_loop.score(with_leaves(loop, own), key=keys[1], substeps=problem.substeps)
+        np.testing.assert_allclose(found[1], alone, rtol=1e-9)
+        assert (loop.sensor is None) == (name == "damping_loop")
+        assert np.ptp(found[:, 1]) > 0.0
+
+
+@pytest.mark.contract
+def test_a_limit_in_nanoseconds_that_does_not_hold_is_named():
+    row = measure_kernel(replace(toy(0.0), ns_limit=1e-9), None, repeats=1)
+    assert (row.ok, row.ns_limit) == (False, 1e-9)
+    assert "ns a step; at most 1e-09 ns is allowed" in row.note
+    assert measure_kernel(replace(toy(0.0), ns_limit=1e15), None, repeats=1).ok
 
 
 def toy(by: float) -> Kernel:

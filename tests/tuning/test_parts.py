@@ -19,6 +19,7 @@ from tuning.parts.base import Part
 LINK, MOTOR = {"inertia": 0.1, "damping": 0.2}, {"inertia": 1e-4, "damping": 1e-3}
 SPRING = {"type": "linear", "rate": 10.0}
 RANGE = {"soft": 0.3, "stiff": 1.0}
+PID = {"proportional": 1.0, "integral": 2.0, "derivative": 3.0}
 SPRINGS = {"spring1": SPRING, "spring2": SPRING}
 BASIS, FIT = {"type": "polynomial"}, {"prior_scale": 2.0}
 SIDE = {"torque": {"type": "sensor"}, "basis": BASIS, "fit": FIT}
@@ -65,10 +66,10 @@ MINIMAL = {
     control.PIDPosition: {
         "type": "pid",
         "stiffness": 0.5,
-        "proportional": 1.0,
-        "integral": 2.0,
-        "derivative": 3.0,
+        **PID,
     },
+    control.MotorPID: PID,
+    control.Combined: {"type": "combined", "stiffness": {"type": "switch", **RANGE}, "motor": PID},
     control.BangBangPosition: {"type": "bang_bang", "stiffness": 0.5, "return_time": 0.6, "tolerance": 0.02},
     control.SwingScorer: {},
     estimators.SensorTorque: {"type": "sensor"},

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.tuning.builders import EXAMPLES, PRIOR, SERIAL, TUNED
-from tuning.build import build, build_bench, build_estimator, build_loop, number, with_leaves
+from tuning.build import build, build_bench, build_controller, build_estimator, build_loop, number, with_leaves
 from tuning.parts.joints import SerialJoint
 from tuning.resources import preset_path
 from tuning.schema import read_toml, validate
@@ -43,7 +43,7 @@ def built(study):
 @pytest.mark.contract
 def test_the_shipped_files_were_found():
     assert {"serial", "sea"} <= {path.stem for path in EXAMPLES}
-    assert {"sea_sensor"} <= {path.stem for path in TUNED}
+    assert {"sea_sensor", "damping_combined", "damping_smooth"} <= {path.stem for path in TUNED}
 
 
 @pytest.mark.contract
@@ -58,8 +58,14 @@ def test_every_example_is_a_valid_study_of_its_kind(path):
 @pytest.mark.contract
 @pytest.mark.parametrize("path", TUNED, ids=lambda path: path.stem)
 def test_every_tuned_configuration_is_valid_and_builds(path):
-    estimator = build_estimator(load_config(path))
-    assert estimator.needs
+    config = load_config(path)
+    if isinstance(config, DampingStudy):
+        assert eqx.tree_equal(build_controller(config).controller, build(config.controller))
+        scores = config.provenance
+        assert scores["held_out"]["value"] < scores["before_on_held_out"]["value"]
+        assert set(scores["tuned"]) <= numeric_paths(config).keys()
+    else:
+        assert build_estimator(config).needs
 
 
 @pytest.mark.contract

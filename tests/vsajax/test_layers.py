@@ -33,7 +33,7 @@ ALLOWED = {
     "switching": {"types", "numerics", "rollout"},
 }
 # The floor that knows plants and estimators or controllers.
-TOP = {"", "experiment", "closed_loop", "estimated_loop", "arm_loop"}
+TOP = {"", "experiment", "closed_loop", "estimated_loop", "antagonistic_loop", "arm_loop"}
 PACKAGES = ("arms", "control", "estimators", "numerics", "plants", "sensing", "switching")
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from tuning.bench import antagonistic, joints, serial
+from tuning.bench import antagonistic, damping, joints, serial
 from tuning.bench.workload import Kernel
 
 KERNELS: dict[str, Kernel] = {
-    kernel.name: kernel for kernel in (*joints.KERNELS, *serial.KERNELS, *antagonistic.KERNELS)
+    kernel.name: kernel for kernel in (*joints.KERNELS, *serial.KERNELS, *antagonistic.KERNELS, *damping.KERNELS)
 }

@@ -48,6 +48,7 @@ class Row:
         peak_share: share of the processor's floating-point peak that is reached.
         counting: how floating-point operations were counted.
         note: why it is not ok.
+        ns_limit: most that `ns_per_step` may be [ns].
     """
 
     kernel: str
@@ -66,6 +67,7 @@ class Row:
     peak_share: float | None
     counting: str
     note: str
+    ns_limit: float | None = None
 
 
 def measure_kernel(
@@ -106,6 +108,8 @@ def measure_kernel(
     if compile_s > COMPILE_LIMIT:
         notes.append(f"compiles for {compile_s:.1f} s; at most {COMPILE_LIMIT:g} s is allowed")
     own = 1e9 * min(ours) / work.steps
+    if kernel.ns_limit is not None and own > kernel.ns_limit:
+        notes.append(f"takes {own:.3g} ns a step; at most {kernel.ns_limit:g} ns is allowed")
     others = 1e9 * min(theirs) / work.steps if theirs else None
     return Row(
         kernel=kernel.name,
@@ -124,6 +128,7 @@ def measure_kernel(
         peak_share=work.flops / own / peak if peak and work.flops else None,
         counting=kernel.counting,
         note="; ".join(notes),
+        ns_limit=kernel.ns_limit,
     )
 
 

@@ -62,6 +62,7 @@ class Kernel:
         prepare: (lanes, settings of the study) -> workload.
         limit: largest ratio to C, or to the base; `None` where there is none.
         counting: how `flops` were counted.
+        ns_limit: most that a lane and sample may take, on two cores [ns]; `None` where there is no such limit.
     """
 
     name: str
@@ -70,3 +71,4 @@ class Kernel:
     prepare: Callable[[int, Sequence[str]], Workload]
     limit: float | None
     counting: str
+    ns_limit: float | None = None

@@ -124,7 +124,7 @@ def _rows_table(rows: Sequence[Row]) -> str:
             _cell(row.ns_per_step, ".1f"),
             _cell(row.c_ns_per_step or row.base_ns_per_step, ".1f"),
             _cell(row.ratio),
-            _cell(row.limit, "g"),
+            _cell(row.limit, "g") if row.ns_limit is None else f"{row.ns_limit:g} ns",
             _cell(row.peak_share, ".0%"),
             _cell(1e-6 * row.temp_bytes, ".1f"),
             "ok" if row.ok else "NOT MET",

@@ -43,6 +43,7 @@ for command in (
     populations.montecarlo,
     searches.tune,
     searches.compare,
+    searches.contest,
     arms.stiffness,
     arms.workspace,
     arms.poses,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ from tuning.cli.options import (
 
 if TYPE_CHECKING:
     from tuning.blackbox import Explored
+    from tuning.compare import Contender
     from tuning.study import Study
     from tuning.tune import Tuned
 
@@ -271,6 +273,69 @@ def _explored(explored: Explored, method: str, study: Study, folder: Path) -> tu
     return report, lines
 
 
+@click.command(epilog="Example: vsajax contest configs/contests/damping.toml -o runs/contest")
+@STUDY
+@RUN
+@click.option(
+    "--method", type=click.Choice(["cmaes", "tpe"]), default="cmaes", show_default=True, help="Of every search."
+)
+@click.option(
+    "--trials", type=click.IntRange(min=1), default=128, show_default=True, help="Of every contestant's search."
+)
+@click.option(
+    "--batch", type=click.IntRange(min=4), default=16, show_default=True, help="Trials run side by side."
+)
+@SETTINGS
+@SEED
+@RESUME
+@JSON
+@QUIET
+def contest(
+    study: Path,
+    folder: Path,
+    method: Any,
+    trials: int,
+    batch: int,
+    settings: tuple[str, ...],
+    seed: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Tune every option of STUDY's choices by as many trials, and compare them on held-out scenarios.
+
+    The one that is best on the training scenarios is what the others are paired with.
+    """
+    from tuning.study import load_study
+
+    loaded = load_study(study, with_seed(settings, seed))
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.contest import contest as hold_contest
+
+    entrants = hold_contest(
+        loaded,
+        folder,
+        method=method,
+        trials=trials,
+        batch=batch,
+        resume=resume,
+        quiet=quiet,
+        place=str(study),
+    )
+    found = {entrant.name: entrant.judged for entrant in entrants if entrant.judged is not None}
+    rows, lines, picture = _compared(loaded, list(found.values()), list(found), folder / "compare")
+    for row, entrant in zip(rows, entrants, strict=True):
+        row |= {"config": entrant.name, "best": entrant.path, "values": entrant.values, "train": entrant.train}
+    emit(
+        {"run": folder, "compare": folder / "compare", "picture": picture, "configs": rows},
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: f"{lines()}\nwrote {folder}/*/best.toml, {folder / 'compare'} and {picture}",
+    )
+
+
 @click.command(epilog="Example: vsajax compare a.toml runs/t/best.toml -s study.toml -o runs/duel")
 @click.argument("configs", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option(
@@ -305,12 +370,25 @@ def compare(
     from tuning.runtime import start_jax
 
     start_jax()
+    found = run_comparison(studies, folder, resume=resume, quiet=quiet)
+    rows, lines, picture = _compared(loaded, found, _labels(configs), folder)
+    emit(
+        {"run": folder, "picture": picture, "configs": rows},
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: f"{lines()}\nwrote {folder / 'results.parquet'} and {picture}",
+    )
+
+
+def _compared(
+    study: Study, found: Sequence[Contender], labels: Sequence[str], folder: Path
+) -> tuple[list[dict[str, Any]], Callable[[], str], Path]:
+    """Return rows of a comparison for machines, the same as text for people, and its picture in a run folder."""
     from tuning.figures import draw_tuning, save
     from tuning.judging import unit_of
 
-    found = run_comparison(studies, folder, resume=resume, quiet=quiet)
-    objective = loaded.tune.objective
-    each = dict(zip(_labels(configs), (contender.judgement.each for contender in found), strict=True))
+    objective = study.tune.objective
+    each = dict(zip(labels, (contender.judgement.each for contender in found), strict=True))
     picture = save(draw_tuning(each, objective), folder / "figures" / "compare.png")
     rows = [
         {
@@ -327,7 +405,7 @@ def compare(
     def text() -> str:
         headers = [
             "config",
-            f"{loaded.tune.statistic.label} {objective}{unit_of(objective)}",
+            f"{study.tune.statistic.label} {objective}{unit_of(objective)}",
             "95 %",
             "median",
             "minus first",
@@ -346,9 +424,9 @@ def compare(
             ]
             for i, c in enumerate(found)
         ]
-        return f"{table(headers, lines)}\nwrote {folder / 'results.parquet'} and {picture}"
+        return table(headers, lines)
 
-    emit({"run": folder, "picture": picture, "configs": rows}, as_json=as_json, quiet=quiet, text=text)
+    return rows, text, picture
 
 
 def _labels(paths: tuple[Path, ...]) -> list[str]:

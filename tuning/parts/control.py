@@ -194,6 +194,26 @@ class PIDPosition(Part):
     reach: Positive = 1.5
 
 
+class MotorPID(Part):
+    """PID on the motor's position."""
+
+    target = "control.MotorPID"
+    proportional: float
+    integral: float
+    derivative: float
+    longest_integral: Positive = 0.2
+    reach: Positive = 1.5
+
+
+class Combined(Part):
+    """A controlled stiffness and a PID on the motor at once."""
+
+    target = "control.Combined"
+    type: Literal["combined"]
+    stiffness: Annotated[StiffnessSwitch | SmoothStiffness, Field(discriminator="type")]
+    motor: MotorPID
+
+
 class BangBangPosition(Part):
     """Stops the link by moving the motor to it, then brings it back."""
 
@@ -207,7 +227,7 @@ class BangBangPosition(Part):
 
 
 Controller = Annotated[
-    ConstantStiffness | StiffnessSwitch | SmoothStiffness | PIDPosition | BangBangPosition,
+    ConstantStiffness | StiffnessSwitch | SmoothStiffness | PIDPosition | BangBangPosition | Combined,
     Field(discriminator="type"),
 ]
 

@@ -15,7 +15,9 @@ from vsajax import sensing as se
 
 _GREEN, _PINK = "#009e73", "#cc79a7"
 _COLOURS = {"soft": ESTIMATE, "stiff": OTHER, "law": TRUTH}
-_LABELS = {"soft": "constant, k_min", "stiff": "constant, k_max", "law": "law (23)"}
+_LABELS = {"soft": "constant, $k_{min}$", "stiff": "constant, $k_{max}$", "law": "law (23)"}
+_OVER_LINES: dict[str, Any] = {"facecolor": "white", "frameon": True, "framealpha": 0.9, "edgecolor": "none"}
+"""Of a legend that lies on curves: its text stays readable."""
 _MIDDLE = 0.5 * (paper.SOFT + paper.STIFF)
 _MOTOR = plants.PositionMotor(0.03, 6.0)
 """A position motor: an assumption, the paper gives none."""
@@ -50,7 +52,7 @@ def _draw_three(folder: Path) -> Path:
     axes[1].axhspan(-paper.BAND, paper.BAND, color=QUIET, alpha=0.5, linewidth=0)
     axes[0].set_ylabel("stiffness\n[N·m/rad]")
     axes[1].set(xlabel="time after the impact [s]", ylabel="position [rad]")
-    axes[1].legend(loc="upper right", title="within ±0.05 rad after")
+    axes[1].legend(loc="upper right", title=f"within ±{paper.BAND:g} rad after", **_OVER_LINES)
     figure.suptitle("Fig. 3: I = 0.00326 kg·m², b = 0.01 N·m·s/rad, impulse 0.069 N·m·s")
     return save(figure, folder / "fig3_settling.png")
 
@@ -101,7 +103,7 @@ def _draw_comparison(folder: Path) -> list[Path]:
     limit = (paper.DAMPING + _MIDDLE * derivative) * (1 + proportional) / paper.INERTIA
     eager = control.PIDPosition(_MIDDLE, proportional, 0.75 * limit, derivative, longest_integral=10.0)
     contenders: list[tuple[str, control.AbstractController, Any, str]] = [
-        ("null, k_max", control.ConstantStiffness(paper.STIFF), {}, QUIET),
+        ("null, $k_{max}$", control.ConstantStiffness(paper.STIFF), {}, QUIET),
         ("PID tuned at I", pid, {}, ESTIMATE),
         ("bang-bang position, tuned at I", bang, {}, OTHER),
         ("law (23), instant actuator", paper.CONTROLLERS["law"], {"sensor": None}, TRUTH),
@@ -118,7 +120,7 @@ def _draw_comparison(folder: Path) -> list[Path]:
             axis.plot(motion.time, motion.positions[0], color=colour, label=label)
         axis.axhspan(-paper.BAND, paper.BAND, color=QUIET, alpha=0.5, linewidth=0)
         axis.set(xlabel="time after the impact [s]", ylabel="position [rad]", xlim=(0, 2.5), ylim=(-0.6, 0.6))
-        axis.legend(loc="upper right", ncols=2, fontsize=8)
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, fontsize=8)
         times = "I" if number == 4 else "2I"
         figure.suptitle(f"Fig. {number}: inertia {times}; impulse 0.02 N·m·s, motor 30 ms and 6 rad/s (assumed)")
         pictures.append(save(figure, folder / f"fig{number}_comparison.png"))
@@ -165,7 +167,7 @@ def _draw_arm(folder: Path) -> list[Path]:
         for joint, axis in enumerate(axes, start=1):
             axis.axhspan(-2, 2, color=QUIET, alpha=0.5, linewidth=0)
             axis.set_ylabel(f"joint {joint} [deg]")
-            axis.legend(loc="upper right", fontsize=8)
+            axis.legend(loc="upper right", fontsize=8, title="within ±2° after", title_fontsize=8, **_OVER_LINES)
         axes[1].set(xlabel="time after the impact [s]", xlim=(0, 1.6 if number == 7 else 7.0))
         figure.suptitle(f"Fig. {number}: arm of two links, 0.10 N·s across the tip, k from 0.3 to 1 N·m/rad")
         pictures.append(save(figure, folder / f"fig{number}_arm.png"))
@@ -174,18 +176,17 @@ def _draw_arm(folder: Path) -> list[Path]:
 
 def _draw_optimum(folder: Path) -> Path:
     """The law's cost over the optimum's against the end time, for three costs, without friction."""
-    times = np.linspace(0.03, 1.2, 60)
-    figure, axis = new_figure(8.0, 3.8)
-    for (label, cost), colour in zip(paper.optimal_costs().items(), (OTHER, ESTIMATE, _GREEN), strict=True):
-        ratios = [
-            float(paper.law_cost(jnp.asarray(t), cost) / paper.best_end(jnp.asarray(t), cost).cost) for t in times
-        ]
-        axis.semilogy(times, ratios, color=colour, label=label)
     free = switching.exact_motion(
         paper.oscillator(0.0), jnp.asarray(paper.SOFT), jnp.asarray(paper.STIFF), impulse=paper.INERTIA
     )
-    for switch in free.switch_times[:12]:
-        axis.axvline(float(switch), color=QUIET, linewidth=0.6)
+    switches = np.asarray(free.switch_times)
+    # The ratios are 1 at switches, between sharp rises.
+    times = np.unique(np.concatenate([np.linspace(0.03, 1.2, 91), switches[switches < 1.2]]))
+    figure, axis = new_figure(8.0, 3.8)
+    for (label, cost), colour in zip(paper.optimal_costs().items(), (OTHER, ESTIMATE, _GREEN), strict=True):
+        axis.semilogy(times, paper.law_over_optimum(times, cost), color=colour, label=label)
+    for switch in switches[switches < 1.2]:
+        axis.axvline(switch, color=QUIET, linewidth=0.6)
     axis.set(xlabel="end time T [s]", ylabel="cost of law (23) over the least", xlim=(0, 1.2))
     axis.legend(title="cost at T", loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
     figure.suptitle("Law (23) is an extremal, not the optimum (no friction; grey: its switches)")
@@ -215,10 +216,14 @@ def _draw_slew(folder: Path) -> Path:
     for label, (controller, colour) in curves.items():
         loop = paper.link_loop(controller, travel=0.1)
         settled = paper.scores_over(loop, _blow_and_travel, lanes).settling_time
-        axis.semilogx(
-            travels, np.asarray(settled).reshape(len(travels), -1).mean(axis=1), "o-", color=colour, label=label
-        )
-    axis.set(xlabel="actuator's travel time, end to end [s]", ylabel="mean settling time [s]")
+        means = np.asarray(settled).reshape(len(travels), -1).mean(axis=1)
+        axis.semilogx(1e3 * travels, means, "o-", color=colour, label=label)
+    axis.axvline(1e3 * paper.TRAVEL, color=QUIET, linestyle=":", zorder=0)
+    axis.set_xticks([2, 5, 10, 20, 50, 100, 200], labels=["2", "5", "10", "20", "50", "100", "200"])
+    axis.set_xticks([], minor=True)
+    axis.set(
+        xlabel="actuator's travel time, end to end [ms] (dotted: the qbmove)", ylabel="mean settling time [s]"
+    )
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
     figure.suptitle("What a slow actuator costs, and what anticipation gives back (21 impulses)")
     return save(figure, folder / "slew.png")
@@ -235,7 +240,7 @@ def _draw_conic(folder: Path) -> Path:
     shown = axis.contourf(1e3 * leads, slopes, energy.T, levels=24, cmap="viridis_r")
     figure.colorbar(shown, label="mean log-energy")
     axis.plot(1e3 * a, c, "*", color=OTHER, markersize=14, label=f"best: {1e3 * a:.3g} ms, {c:.3g} 1/s")
-    axis.plot(0, 0, "o", color=TRUTH, label="law (23)")
+    axis.plot(0, 0, "o", color=TRUTH, markeredgecolor="white", clip_on=False, zorder=5, label="law (23)")
     axis.set(xlabel="lead a [ms]", ylabel="slope c [1/s]")
     axis.legend(loc="upper right", facecolor="white", frameon=True, fontsize=8)
     figure.suptitle("Conic rule, actuator 0.1 s")

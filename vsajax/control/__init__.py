@@ -23,7 +23,7 @@ from vsajax.control.passive import (
     hand_compliance,
 )
 from vsajax.control.pose import PoseSearch, improve_pose, reach
-from vsajax.control.position import BangBangPosition, PIDPosition
+from vsajax.control.position import BangBangPosition, Combined, MotorPID, PIDPosition
 from vsajax.control.rules import (
     AbstractRule,
     Conic,
@@ -44,6 +44,7 @@ __all__ = [
     "BoxLeastSquares",
     "BoxSolution",
     "CartesianImpedance",
+    "Combined",
     "Conic",
     "ConstantStiffness",
     "DelayedRelease",
@@ -51,6 +52,7 @@ __all__ = [
     "FixedThresholds",
     "Hold",
     "InteriorPoint",
+    "MotorPID",
     "ObservedController",
     "PIDPosition",
     "PassiveFit",

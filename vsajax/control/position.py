@@ -1,8 +1,8 @@
-"""Controllers that damp by moving the motor at a constant stiffness: PID, and bang-bang with bring-back."""
+"""Controllers that move the motor: PID, bang-bang with bring-back, and PID beside a controlled stiffness."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,8 +17,37 @@ class PIDState(NamedTuple):
     integral: Scalar
 
 
+class MotorPID(eqx.Module):
+    """θ = −(Kp q + Ki ∫q + Kd q̇), both the integral and θ limited: where to move a joint's motor.
+
+    Args:
+        proportional: Kp.
+        integral: Ki [1/s].
+        derivative: Kd [s].
+        longest_integral: largest |∫q| [rad·s].
+        reach: largest |θ| [rad].
+    """
+
+    proportional: Scalar = eqx.field(converter=as_leaf)
+    integral: Scalar = eqx.field(converter=as_leaf)
+    derivative: Scalar = eqx.field(converter=as_leaf)
+    longest_integral: Scalar = eqx.field(converter=as_leaf, default=0.2)
+    reach: Scalar = eqx.field(converter=as_leaf, default=1.5)
+
+    def init(self, swing: Swing) -> PIDState:
+        """Return the state before the first instant."""
+        return PIDState(jnp.zeros_like(swing.position))
+
+    def step(self, state: PIDState, swing: Swing) -> tuple[PIDState, Scalar]:
+        """Return (state, θ) [rad]."""
+        limit = self.longest_integral
+        integral = jnp.clip(state.integral + swing.position * swing.dt, -limit, limit)
+        wanted = self.proportional * swing.position + self.integral * integral + self.derivative * swing.velocity
+        return PIDState(integral), jnp.clip(-wanted, -self.reach, self.reach)
+
+
 class PIDPosition(AbstractController):
-    """θ = −(Kp q + Ki ∫q + Kd q̇), both the integral and θ limited.
+    """A `MotorPID` at a constant stiffness.
 
     Its gains suit one inertia. With an ideal motor on I q̈ + b q̇ + k (q − θ) = 0 it is stable if and only if
     I Ki < (b + k Kd)(1 + Kp).
@@ -39,16 +68,52 @@ class PIDPosition(AbstractController):
     longest_integral: Scalar = eqx.field(converter=as_leaf, default=0.2)
     reach: Scalar = eqx.field(converter=as_leaf, default=1.5)
 
+    @property
+    def law(self) -> MotorPID:
+        """Where the motor goes."""
+        return MotorPID(self.proportional, self.integral, self.derivative, self.longest_integral, self.reach)
+
     def init(self, swing: Swing) -> PIDState:
         """Return the state before the first instant."""
-        return PIDState(jnp.zeros_like(swing.position))
+        return self.law.init(swing)
 
     def step(self, state: PIDState, swing: Swing) -> tuple[PIDState, Command]:
         """Return the motor position at the constant stiffness."""
-        limit = self.longest_integral
-        integral = jnp.clip(state.integral + swing.position * swing.dt, -limit, limit)
-        wanted = self.proportional * swing.position + self.integral * integral + self.derivative * swing.velocity
-        return PIDState(integral), Command(self.stiffness, jnp.clip(-wanted, -self.reach, self.reach))
+        state, motor = self.law.step(state, swing)
+        return state, Command(self.stiffness, motor)
+
+
+class CombinedState(NamedTuple):
+    """The states of what sets the stiffness and of what moves the motor."""
+
+    stiffness: Any
+    motor: PIDState
+
+
+class Combined(AbstractController):
+    """Damps by the stiffness and by the motor at once: one controller for each, both on the same swing.
+
+    With θ moving, what the spring takes from the link is k (q − θ) q̇, so the stiffness follows the deflection
+    q − θ as in law (23). Each helps where the other cannot: a motor is too slow for a hard blow, and law (23)
+    needs a swing that is still large against the noise.
+
+    Args:
+        stiffness: sets the stiffness; where it would have the motor is not followed.
+        motor: moves the motor.
+    """
+
+    stiffness: AbstractController
+    motor: MotorPID
+
+    def init(self, swing: Swing) -> CombinedState:
+        """Return the states before the first instant."""
+        return CombinedState(self.stiffness.init(swing), self.motor.init(swing))
+
+    def step(self, state: CombinedState, swing: Swing) -> tuple[CombinedState, Command]:
+        """Return the stiffness of the one and the motor position of the other."""
+        stiffness, command = self.stiffness.step(state.stiffness, swing)
+        motor, position = self.motor.step(state.motor, swing)
+        return CombinedState(stiffness, motor), Command(command.stiffness, position)
 
 
 class BangBangState(NamedTuple):

@@ -124,10 +124,19 @@ class FixedThresholds(AbstractRule):
         return state, _threshold_drive(swing, position, velocity)
 
 
+class HeldPeakState(NamedTuple):
+    """The peaks of this half-swing, and those of the one before: |q| [rad], |q̇| [rad/s]."""
+
+    now: PeakState
+    position_before: Scalar
+    velocity_before: Scalar
+
+
 class RelativeThresholds(AbstractRule):
     """The same with thresholds that are shares of the last peaks: q_th = α |q|_peak, v_th = β |q̇|_peak.
 
-    It treats large and small swings alike, but noise makes peaks.
+    The last peak is the larger of this half-swing's so far and of the whole one before it; a half-swing of q ends
+    where q changes its sign, one of q̇ where q̇ does. It treats large and small swings alike, but noise makes peaks.
 
     Args:
         position_share: α.
@@ -137,15 +146,22 @@ class RelativeThresholds(AbstractRule):
     position_share: Scalar = eqx.field(converter=as_leaf)
     velocity_share: Scalar = eqx.field(converter=as_leaf)
 
-    def init(self, swing: Swing) -> PeakState:
+    def init(self, swing: Swing) -> HeldPeakState:
         """Return the state before the first swing."""
-        return _first_peaks(swing)
+        zero = jnp.zeros_like(swing.deflection)
+        return HeldPeakState(_first_peaks(swing), zero, zero)
 
-    def step(self, state: PeakState, swing: Swing) -> tuple[PeakState, Scalar]:
+    def step(self, state: HeldPeakState, swing: Swing) -> tuple[HeldPeakState, Scalar]:
         """Return ±1."""
-        state = _follow_peaks(state, swing)
-        shares = (self.position_share * state.position_peak, self.velocity_share * state.velocity_peak)
-        return state, _threshold_drive(swing, *shares)
+        last, now = state.now, _follow_peaks(state.now, swing)
+        state = HeldPeakState(
+            now,
+            jnp.where(last.position * now.position < 0.0, last.position_peak, state.position_before),
+            jnp.where(last.velocity * now.velocity < 0.0, last.velocity_peak, state.velocity_before),
+        )
+        position = self.position_share * jnp.maximum(now.position_peak, state.position_before)
+        velocity = self.velocity_share * jnp.maximum(now.velocity_peak, state.velocity_before)
+        return state, _threshold_drive(swing, position, velocity)
 
 
 class ReleaseState(NamedTuple):

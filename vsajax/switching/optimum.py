@@ -110,7 +110,10 @@ def extremal_to(end: Phase, time: Value, cost: EndCost, soft: Value, stiff: Valu
         intervals: how many are stepped back at most.
     """
     costate = Phase(cost.position * end.position, cost.velocity * end.velocity)
-    starts_stiff = costate.velocity * end.position > 0.0
+    # Stiff where λ₂x₁ > 0; where it is 0 at the end, that is at a switch, where it grows smaller in magnitude.
+    product = costate.velocity * end.position
+    just_before = costate.position * end.position - costate.velocity * end.velocity
+    starts_stiff = jnp.where(product == 0.0, just_before, product) > 0.0
 
     def back(carry: tuple[Phase, Phase, Value, Bool[Array, ""]], _: Value) -> tuple[Any, Any]:
         phase, costate, left, is_stiff = carry
@@ -174,7 +177,13 @@ def optimum(
         return (jnp.where(is_low, middle, low), jnp.where(is_low, high, middle)), None
 
     low, high = rollout.scan(halve, (angles[:-1], angles[1:]), jnp.zeros(_BISECTIONS))[0]
-    shot = jax.vmap(shoot)(0.5 * (low + high))
+    # An end on a switch is one of a jump, which no bracket finds: both are tried as they are.
+    ones, none = jnp.ones(1), jnp.zeros(1)
+    ends = Phase(jnp.concatenate([ones, none]), scale * jnp.concatenate([none, ones]))
+    on_switches = jax.vmap(lambda end: extremal_to(end, time, cost, soft, stiff, intervals=intervals))(ends)
+    between = jax.vmap(shoot)(0.5 * (low + high))
+    shot = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), between, on_switches)
+    brackets = jnp.concatenate([brackets, jnp.ones(2, bool)])
     along = scale**2 * shot.start.position * start.position + shot.start.velocity * start.velocity
     size = along / (scale**2 * shot.start.position**2 + shot.start.velocity**2)
     # Where the miss jumps instead of crossing 0, the start is not hit.

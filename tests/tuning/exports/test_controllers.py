@@ -32,6 +32,11 @@ CONTROLLERS = {
     "smooth": {"type": "smooth", "sharpness": 5.0, "rate": 14.0, **ENDS},
     "constant": {"type": "constant", "stiffness": 0.5},
     "pid": {"type": "pid", "stiffness": 0.5, "proportional": 0.1, "integral": 0.5, "derivative": 0.05},
+    "combined": {
+        "type": "combined",
+        "stiffness": {"type": "smooth", "sharpness": 5.0, "rate": 14.0, **ENDS},
+        "motor": {"proportional": 0.1, "integral": 0.5, "derivative": 0.05},
+    },
     "bang_bang": {"type": "bang_bang", "stiffness": 0.5, "return_time": 0.4, "tolerance": 0.1},
     "hold": {"type": "switch", "hold": {"product": 0.01, "position": 0.01, "velocity": 0.05}, **ENDS},
     **{f"switch by {name}": {"type": "switch", "rule": rule, **ENDS} for name, rule in RULES.items()},
@@ -44,7 +49,7 @@ def study_of(controller: dict, seconds: float = 1.0) -> DampingStudy:
     """Return the shipped study with another controller, and with a motor where the controller moves it."""
     tables = read_toml(DAMPING) | {"controller": controller, "population": {}, "sweep": {}, "tune": {}}
     tables["clock"] = {"sample_time": 1e-3, "duration": seconds}
-    if controller["type"] in {"pid", "bang_bang"}:
+    if controller["type"] in {"pid", "bang_bang", "combined"}:
         tables["plant"] = tables["plant"] | {"motor": MOTOR}
     study = parse_study(tables, "a test")
     assert isinstance(study, DampingStudy)
@@ -70,6 +75,20 @@ def test_c_commands_what_the_controller_in_the_loop_did(name, tmp_path):
     # Commands that never change could be equal for a wrong reason.
     assert max(np.ptp(values) for values in golden.outputs.values()) > 0.05 or name == "constant"
     worst = replay(program, golden, tmp_path, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    assert max(worst.values()) < 1e-9, worst
+
+
+@needs_compiler
+@pytest.mark.equivalence
+@pytest.mark.parametrize("name", ["damping_combined", pytest.param("damping_smooth", marks=pytest.mark.slow)])
+def test_a_tuned_controller_of_the_repository_runs_in_c_as_in_the_loop(name, tmp_path):
+    study = load_config(CONFIGS / "tuned" / f"{name}.toml")
+    deployable = deployable_of(study, name)
+    program = deployable.program()
+    golden = make_golden(deployable, program, seconds=0.5, recording=None)
+    assert np.ptp(golden.outputs["stiffness"]) > 0.2
+    assert (np.ptp(golden.outputs["motor_position"]) > 0.1) == (name == "damping_combined")
+    worst = replay(program, golden, tmp_path)
     assert max(worst.values()) < 1e-9, worst
 
 

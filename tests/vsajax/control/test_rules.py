@@ -22,6 +22,7 @@ CONTROLLERS = {
     "constant": control.ConstantStiffness(0.3),
     "smooth": control.SmoothStiffness(0.3, 1.0, 3.0, 14.0, conic=control.Conic(0.02, 5.0)),
     "pid": control.PIDPosition(0.65, 0.5, 1.0, 0.05),
+    "combined": control.Combined(control.StiffnessSwitch(0.3, 1.0), control.MotorPID(0.5, 1.0, 0.05)),
     "bang-bang": control.BangBangPosition(0.65, 0.6, 0.02, 0.01),
 }
 each = pytest.mark.parametrize("name", CONTROLLERS)
@@ -181,3 +182,27 @@ def test_pid_is_stable_up_to_its_routh_limit(share, is_stable):
     )
     # I q⃛ + (b + kKd) q̈ + k(1 + Kp) q̇ + kKi q = 0.
     assert (roots.real.max() < 0) == is_stable
+
+
+@pytest.mark.equivalence
+def test_combined_commands_the_stiffness_of_one_and_the_motor_of_the_other():
+    swings = swing(jnp.arange(300) * T)._replace(motor_position=jnp.full(300, 0.2))
+    both, law, pid = (run(CONTROLLERS[name], swings) for name in ("combined", "law (23)", "pid"))
+    np.testing.assert_array_equal(both.stiffness, law.stiffness)
+    np.testing.assert_array_equal(both.motor_position, pid.motor_position)
+    assert min(np.ptp(both.stiffness), np.ptp(both.motor_position)) > 0.5
+
+
+@pytest.mark.analytic
+def test_relative_thresholds_hold_the_larger_of_the_last_two_peaks():
+    decay, rate = 3.0, 14.0
+    time = jnp.arange(1, 1200) * T
+    swings = swing(time, rate=rate, decay=decay)
+    rule = control.RelativeThresholds(0.3, 0.0)
+    stiff = np.asarray(run(control.StiffnessSwitch(0.3, 1.0, rule), swings).stiffness) > 0.9
+    q, back = np.abs(np.asarray(swings.position)), np.asarray(swings.position * swings.velocity) < 0.0
+    # The way back of the second half-swing: stiff below a share of the first peak, the larger one.
+    second = back & (np.asarray(time) > np.pi / rate) & (np.asarray(time) < 2 * np.pi / rate)
+    np.testing.assert_array_equal(stiff[second], q[second] < 0.3 * q.max())
+    own = q[(np.asarray(time) > np.pi / rate)].max()
+    assert (stiff[second] != (q[second] < 0.3 * own)).any()

@@ -13,6 +13,7 @@ from vsajax.switching import EndCost, Phase
 
 W_SOFT, W_STIFF = (jnp.sqrt(jnp.asarray(k / INERTIA)) for k in (SOFT, STIFF))
 PHI, E_MIN = EndCost.printed(), EndCost.energy(jnp.asarray(SOFT), jnp.asarray(INERTIA))
+E_MAX = EndCost.energy(jnp.asarray(STIFF), jnp.asarray(INERTIA))
 START = Phase(jnp.zeros(()), jnp.ones(()))
 
 
@@ -28,6 +29,17 @@ def best(time, cost):
 )
 def test_least_costs_are_the_reference(cost, time, value, tolerance):
     assert best(jnp.asarray(time), cost).cost == pytest.approx(value, rel=tolerance)
+
+
+@pytest.mark.analytic
+@pytest.mark.parametrize(("switch", "cost"), [(1, E_MAX), (2, E_MIN), (2, PHI)], ids=["centre", "peak", "peak, φ"])
+def test_at_its_own_switches_law_23_is_the_optimum(switch, cost):
+    # The end lies on an axis of the phase plane, where no bracket of directions holds it.
+    free = switching.Oscillator(jnp.asarray(INERTIA), jnp.zeros(()))
+    law = switching.exact_motion(free, jnp.asarray(SOFT), jnp.asarray(STIFF), impulse=INERTIA)
+    time = law.switch_times[switch]
+    assert best(time, cost).cost == pytest.approx(float(cost.of(law.at(free, time)[0])), rel=1e-9)
+    assert best(time + 0.02, PHI).cost < 0.9 * float(PHI.of(law.at(free, time + 0.02)[0]))
 
 
 @pytest.mark.equivalence
