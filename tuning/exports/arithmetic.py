@@ -13,6 +13,8 @@ from typing import Any
 import jax
 from jax.extend import core as jex
 
+from tuning.exports.flatten import CALLED
+
 
 def uncontracted[**P, Result](function: Callable[P, Result]) -> Callable[P, Result]:
     """Return the function with every product rounded before anything is added to it."""
@@ -35,8 +37,10 @@ def _evaluate(jaxpr: Any, consts: Any, arguments: Any) -> list[Any]:
 
     for eqn in jaxpr.eqns:
         given = [read(atom) for atom in eqn.invars]
-        inner = eqn.params.get("jaxpr", eqn.params.get("call_jaxpr"))
-        if hasattr(inner, "jaxpr"):
+        inner = next((eqn.params[name] for name in CALLED if hasattr(eqn.params.get(name), "jaxpr")), None)
+        if eqn.primitive.name == "scan":
+            results = _scanned(eqn, given)
+        elif inner is not None:
             results = _evaluate(inner.jaxpr, inner.consts, given)
         else:
             outcome = eqn.primitive.bind(*given, **eqn.params)
@@ -45,3 +49,17 @@ def _evaluate(jaxpr: Any, consts: Any, arguments: Any) -> list[Any]:
             results = jax.lax.optimization_barrier(list(results))
         known.update(zip(eqn.outvars, results, strict=True))
     return [read(atom) for atom in jaxpr.outvars]
+
+
+def _scanned(eqn: Any, given: list[Any]) -> list[Any]:
+    """Run a scan, every turn of it in plain arithmetic."""
+    consts, carried, rows = map(list, eqn.params["ft_in"].update(given).unpack())
+    body = eqn.params["jaxpr"]
+
+    def turn(now: list[Any], row: list[Any]) -> tuple[list[Any], list[Any]]:
+        results = _evaluate(body.jaxpr, body.consts, [*consts, *now, *row])
+        return results[: len(carried)], results[len(carried) :]
+
+    length, is_reversed = eqn.params["length"], eqn.params["reverse"]
+    last, collected = jax.lax.scan(turn, carried, rows, length=length, reverse=is_reversed)
+    return [*last, *collected]

@@ -15,6 +15,7 @@ from tuning.errors import input_error
 from tuning.exports.arithmetic import uncontracted
 from tuning.exports.checks.checking import deviation
 from tuning.exports.deployable import Deployable
+from tuning.exports.layout import dotted
 from tuning.exports.program import Slot, StepProgram
 from tuning.logs.reading import read_recording
 from vsajax import Recording, rollout
@@ -132,5 +133,9 @@ def answers(
 
 
 def by_name(slot: Slot, tree: Any) -> Columns:
-    """Return the arrays of a tree by the names of its slot."""
-    return {name: np.asarray(x) for name, x in zip(slot.names, jax.tree.leaves(tree), strict=True)}
+    """Return the numbers of a tree over time, each by its name in the slot, e.g. ``stiffness[0][2]``."""
+    found = {}
+    for (path, leaf), values in zip(slot.places, jax.tree.leaves(tree), strict=True):
+        for index in np.ndindex(*leaf.shape):
+            found[dotted((*path, *index))] = np.asarray(values)[(slice(None), *index)]
+    return found
