@@ -149,6 +149,8 @@ class _Flattener:
             return known[atom]
 
         for eqn in jaxpr.eqns:
+            if not eqn.outvars:
+                continue
             given = [read(atom) for atom in eqn.invars]
             origin = _origin(eqn.source_info.traceback) or outer
             inner = next((eqn.params[name] for name in CALLED if name in eqn.params), None)
@@ -301,14 +303,12 @@ def _origin(traceback: Any) -> Origin | None:
     """Return the innermost place in this repository, and the innermost name outside its scalar mathematics."""
     if traceback is None:
         return None
-    frames = [f for f in traceback.frames if Path(f.file_name).is_relative_to(_ROOT / "vsajax")]
+    frames = [f for f in traceback.frames if _own(f.file_name) is not None]
     if not frames:
         return None
-    outside = [f for f in frames if "numerics" not in Path(f.file_name).parts] or frames
+    outside = [f for f in frames if not str(_own(f.file_name)).startswith("vsajax/numerics/")] or frames
     first = outside[0]
-    place = (
-        f"{Path(first.file_name).relative_to(_ROOT).as_posix()}, {first.function_name.replace('.<locals>', '')}"
-    )
+    place = f"{_own(first.file_name)}, {first.function_name.replace('.<locals>', '')}"
     for frame in outside:
         named = _target(frame.file_name, frame.line_num)
         if named is not None:
@@ -316,6 +316,13 @@ def _origin(traceback: Any) -> Origin | None:
             # Where a statement unpacks (state, value), the value is what it is about.
             return Origin(place, names[-1], names, f"{frame.file_name}:{start}")
     return Origin(place, first.function_name.rpartition(".")[2].strip("_<>"))
+
+
+@cache
+def _own(file: str) -> str | None:
+    """Return a file of the library as this repository calls it; `None` for any other."""
+    path = Path(file)
+    return path.relative_to(_ROOT).as_posix() if path.is_relative_to(_ROOT / "vsajax") else None
 
 
 @cache
