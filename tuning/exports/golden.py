@@ -126,12 +126,12 @@ def answers(
     samples = jax.tree.unflatten(jax.tree.structure(program.inputs.tree), leaves)
 
     @jax.jit
-    def run(module: Any, samples: Any) -> Any:
-        step = module.step if is_fused else uncontracted(module.step)
+    def run(module: Any, samples: Any, zero: jax.Array) -> Any:
+        step = module.step if is_fused else uncontracted(module.step, zero)
         state = module.init(jax.tree.map(lambda x: x[0], samples))
         return rollout.scan(step, state, samples)[1]
 
-    answers = run(module, samples)
+    answers = run(module, samples, jnp.asarray(0))
     return by_name(program.inputs, samples), by_name(program.outputs, answers)
 
 

@@ -25,8 +25,8 @@ class ArmReading(NamedTuple):
         position: of the joints, as the motors tell it; under gravity less the springs' deflection [rad].
         velocity: of the same [rad/s].
         posture: where the arm rests; the hand's equilibrium is the hand there [rad].
-        stiffness: K_d, desired of the hand, symmetric [N/m]; for a pose the last rows and columns are rotations, N/rad
-            and N·m/rad.
+        stiffness: K_d, desired of the hand, symmetric [N/m]; for a pose the last three rows and columns are
+            rotations, in N/rad and N·m/rad.
     """
 
     position: Joints
@@ -44,8 +44,8 @@ class ArmCommand(NamedTuple):
         active_stiffness: K_a, the gain behind that torque, in the units of the desired one [N/m].
         scale: factor on the passive compliances that leaves room for the controller.
         is_exact: whether the hand has the desired stiffness.
-        status: 0 solved, 1 singular pose, 2 stiffer than the controller may be, 3 not optimal; of what is refused every
-            number is NaN: 4 not finite, 5 bounds out of order, 6 not symmetric positive definite.
+        status: 0 solved, 1 singular pose, 2 stiffer than the controller may be, 3 not optimal; of what is refused
+            every number is NaN: 4 not finite, 5 bounds out of order, 6 not symmetric positive definite.
     """
 
     joint_stiffness: Joints

@@ -188,7 +188,8 @@ def rewritten(expression: Expression, change: Callable[[Read], Read]) -> Express
     if isinstance(expression, Read):
         return change(replace(expression, indices=_indices_rewritten(expression.indices, change)))
     if isinstance(expression, Position):
-        return Position(*_indices_rewritten((expression.index,), change), expression.type)
+        (index,) = _indices_rewritten((expression.index,), change)
+        return replace(expression, index=index)
     if isinstance(expression, Apply):
         return replace(expression, arguments=tuple(rewritten(a, change) for a in expression.arguments))
     return expression
