@@ -106,7 +106,7 @@ class DeployableDesigner(Deployable):
         It begins and ends at the study's pose, and comes within a hair of the most singular of many poses. The last
         cycles ask for what must be refused, and for what no controller can give.
         """
-        count = max(int(round(seconds * _RATE)), 8) + 1
+        count = max(round(seconds * _RATE), 8) + 1
         time = np.arange(count) / _RATE
         position, velocity = self._path(time)
         wave = np.sin(2.0 * np.pi * 3.0 * time / time[-1])

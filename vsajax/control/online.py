@@ -1,4 +1,4 @@
-"""One control cycle of a variable-stiffness arm: both stages of the design, and the controller that goes with it."""
+"""One control cycle of a variable-stiffness arm: both stages of the design, and the controller with them."""
 
 from __future__ import annotations
 
