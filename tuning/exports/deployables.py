@@ -27,5 +27,5 @@ def deployable_of(config: Exportable, place: str) -> Deployable:
     raise input_error(
         place,
         f"kind {config.kind!r} has nothing to export",
-        "name a study or configuration with [estimator], a damping study with [controller], or the study of an arm",
+        "name a study or configuration with [estimator], a damping study with [controller], or an arm's study",
     )

@@ -103,8 +103,8 @@ class DeployableDesigner(Deployable):
     def simulate(self, seconds: float) -> tuple[dict[str, np.ndarray], str]:
         """Return a path through the joints' ranges, and a desired stiffness that changes on the way.
 
-        It begins and ends at the study's pose, and comes within a hair of the most singular of many poses. The last
-        cycles ask for what must be refused, and for what no controller can give.
+        It begins and ends at the study's pose, and goes through the most singular of many poses. The last cycles
+        ask for what must be refused, and for what no controller can give.
         """
         count = max(round(seconds * _RATE), 8) + 1
         time = np.arange(count) / _RATE

@@ -22,7 +22,6 @@ from vsajax.control.online import displacement
 
 ARM = CONFIGS / "studies" / "arm.toml"
 TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]
-PLANAR = ("arm={preset='planar-3'}", "joints={lower=50.0, upper=500.0}", "task.stiffness=[200.0, 200.0, 4000.0]")
 SEVEN = (
     *("arm={preset='lwr-like-7'}", "joints={lower=50.0, upper=500.0}", "task.space='pose'"),
     "task.stiffness=[500.0, 500.0, 500.0, 50.0, 50.0, 50.0]",
@@ -102,12 +101,12 @@ def test_ranges_are_those_of_the_study_file():
 @needs_compiler
 @pytest.mark.cli
 def test_an_arm_is_exported_and_checked(vsajax, tmp_path):
-    ended = vsajax("export", ARM, "--to", "c99", "-o", tmp_path, "--duration", "1.0", *words(PLANAR))
+    ended = vsajax("export", ARM, "--to", "c99", "-o", tmp_path, "--duration", "1.0")
     assert (ended.code, ended.err) == (0, ""), ended
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert (manifest["what"], manifest["kind"], manifest["sample_time_s"]) == ("designer", "arm", None)
     assert [(row["name"], row["shape"]) for row in manifest["inputs"]] == [
-        *(("position", [3]), ("velocity", [3]), ("posture", [3]), ("stiffness", [3, 3])),
+        *(("position", [4]), ("velocity", [4]), ("posture", [4]), ("stiffness", [3, 3])),
     ]
     assert {row["name"]: row["type"] for row in manifest["outputs"]}["status"] == "int"
     assert manifest["state_bytes"] == {"double": 0, "single": 0}
@@ -144,7 +143,9 @@ def test_numbers_and_arrays_are_one_another():
     rng = np.random.default_rng(1)
     numbers = {
         f"{name}{''.join(f'[{i}]' for i in index)}": rng.normal(size=5)
-        for name, leaf in ((name, leaf) for name, (_, leaf) in zip(program.inputs.names, program.inputs.places))
+        for name, leaf in (
+            (name, leaf) for name, (_, leaf) in zip(program.inputs.names, program.inputs.places, strict=True)
+        )
         for index in np.ndindex(*leaf.shape)
     }
     arrays = assembled(program.inputs, numbers)
