@@ -57,18 +57,10 @@ def export(
         raise click.MissingParameter(param_hint="'--to'", param_type="option")
     if folder is None:
         raise click.MissingParameter(param_hint="'-o' / '--output'", param_type="option")
-    from tuning.errors import input_error
-    from tuning.schema import read_toml
-    from tuning.study import load_config
+    from tuning.exports.configs import load_exportable
 
-    if read_toml(config).get("kind") == "arm":
-        raise input_error(
-            f"{config}: kind",
-            "got 'arm': the solver of a stiffness design iterates, pivots and gathers, which no export can do yet",
-            "name a study with [estimator], or a damping study",
-        )
     # Mistakes are told before jax is waited for.
-    load_config(config, settings)
+    load_exportable(config, settings)
     from tuning.runtime import start_jax
 
     start_jax()

@@ -6,15 +6,18 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
+from pathlib import Path as File
 from typing import Any, ClassVar
 
 import numpy as np
 
 from tuning.exports.c99.naming import RESERVED
+from tuning.exports.configs import Exportable
+from tuning.exports.layout import Path
 from tuning.exports.program import StepProgram, program_of
+from tuning.exports.ranges import Range, range_of
+from tuning.logs.reading import read_recording
 from tuning.parts.base import Part
-from tuning.study import Base
-from vsajax import Sample
 
 
 class Deployable(ABC):
@@ -28,7 +31,7 @@ class Deployable(ABC):
 
     @property
     @abstractmethod
-    def config(self) -> Base:
+    def config(self) -> Exportable:
         """The configuration."""
 
     @property
@@ -47,7 +50,7 @@ class Deployable(ABC):
 
     @property
     @abstractmethod
-    def sample(self) -> Sample:
+    def sample(self) -> Any:
         """A sample with the signals that it reads."""
 
     @property
@@ -67,6 +70,23 @@ class Deployable(ABC):
         Raises:
             InputError: nothing can be simulated.
         """
+
+    def record(self, path: File) -> tuple[dict[str, np.ndarray], str]:
+        """Return `time` and the signals of the user's recording, and what it is called.
+
+        Raises:
+            InputError: it cannot be read, or nothing like it can be recorded.
+        """
+        return dict(read_recording(path, kind=self.config.kind).columns), path.name
+
+    @property
+    def companions(self) -> dict[str, bytes]:
+        """Files that its configuration names, by their names."""
+        return {}
+
+    def range(self, path: Path) -> Range:
+        """Return where the parameter at a path may lie."""
+        return range_of(self.parts, path)
 
     @cached_property
     def module(self) -> Any:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from tuning.arm.study import ArmStudy
 from tuning.errors import input_error
+from tuning.exports.configs import Exportable
 from tuning.exports.controller import DeployableController
 from tuning.exports.deployable import Deployable
+from tuning.exports.designer import DeployableDesigner
 from tuning.exports.estimator import DeployableEstimator
-from tuning.study import Base, Config, DampingStudy
+from tuning.study import Config, DampingStudy
 
 
-def deployable_of(config: Base, place: str) -> Deployable:
-    """Return what a configuration is exported as: its estimator, or its controller.
+def deployable_of(config: Exportable, place: str) -> Deployable:
+    """Return what a configuration is exported as: its estimator, its controller, or an arm's designer.
 
     Raises:
         InputError: it has neither, or one that no robot can run.
     """
+    if isinstance(config, ArmStudy):
+        return DeployableDesigner(config, place)
     if isinstance(config, DampingStudy):
         return DeployableController(config, place)
     if isinstance(config, Config) and config.kind != "damping":
@@ -22,5 +27,5 @@ def deployable_of(config: Base, place: str) -> Deployable:
     raise input_error(
         place,
         f"kind {config.kind!r} has nothing to export",
-        "name a study or configuration with [estimator], or a damping study with [controller]",
+        "name a study or configuration with [estimator], a damping study with [controller], or an arm's study",
     )

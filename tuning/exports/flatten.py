@@ -19,7 +19,8 @@ _ROOT = Path(vsajax.__file__).parents[1]
 _FOLDED = 64
 """Elements up to which the value of a constant expression is written out."""
 
-
+CALLED = ("jaxpr", "call_jaxpr", "call")
+"""What jax calls the body of a call."""
 _VECTOR = 4
 """Numbers of one name from which they become an array."""
 
@@ -76,6 +77,34 @@ class Equation:
 
 
 @dataclass(frozen=True)
+class Turns:
+    """What a loop with a fixed number of turns repeats.
+
+    The body reads what lies outside as it is. Its own inputs are what is carried, then a row of each array that
+    the loop runs over; its outputs are what is carried on, then a row of each array that the loop collects.
+
+    Args:
+        length: turns.
+        is_reversed: whether it runs from the last row to the first.
+        carried: how many values are carried.
+        body: one turn.
+    """
+
+    length: int
+    is_reversed: bool
+    carried: int
+    body: Flat
+
+    def free(self) -> tuple[Symbol, ...]:
+        """Return what the body reads from outside, each once."""
+        own = {id(symbol) for symbol in self.body.inputs}
+        own |= {id(symbol) for equation in self.body.equations for symbol in equation.outputs}
+        read = [atom for equation in self.body.equations for atom in equation.inputs]
+        symbols = [atom for atom in (*read, *self.body.outputs) if isinstance(atom, Symbol)]
+        return tuple({id(symbol): symbol for symbol in symbols if id(symbol) not in own}.values())
+
+
+@dataclass(frozen=True)
 class Flat:
     """A function as equations in order, and as jax traced it where it was."""
 
@@ -92,7 +121,7 @@ class Flat:
 
 
 def flatten(closed: Any) -> Flat:
-    """Return a closed jaxpr as equations without calls.
+    """Return a closed jaxpr as equations without calls; a loop of fixed length is one equation, see `Turns`.
 
     Raises:
         Untraceable: it loops or branches on data.
@@ -120,21 +149,49 @@ class _Flattener:
             return known[atom]
 
         for eqn in jaxpr.eqns:
+            if not eqn.outvars:
+                continue
             given = [read(atom) for atom in eqn.invars]
             origin = _origin(eqn.source_info.traceback) or outer
-            inner = eqn.params.get("jaxpr", eqn.params.get("call_jaxpr"))
-            if eqn.primitive.name in {"scan", "while", "cond"}:
+            inner = next((eqn.params[name] for name in CALLED if name in eqn.params), None)
+            if eqn.primitive.name in {"while", "cond"}:
                 raise Untraceable(
                     f"{eqn.primitive.name} ({origin.place or 'unknown place'}) branches or loops on data; "
                     "a step must not"
                 )
-            if inner is not None:
+            if eqn.primitive.name == "scan":
+                results = self.turns(eqn, given, origin)
+            elif inner is not None:
                 body, body_consts = (inner.jaxpr, inner.consts) if hasattr(inner, "consts") else (inner, ())
                 results = self.run(body, body_consts, given, origin)
             else:
                 results = self.apply(eqn, given, origin)
             known.update(zip(eqn.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
+
+    def turns(self, eqn: Any, given: list[Atom], origin: Origin) -> list[Atom]:
+        """Return the results of a scan; what each of its turns would compute alike is computed ahead of it."""
+        consts, carried, rows = map(list, eqn.params["ft_in"].update(given).unpack())
+        body = eqn.params["jaxpr"]
+        inputs = tuple(Symbol(tuple(var.aval.shape), np.dtype(var.aval.dtype)) for var in body.jaxpr.invars)
+        inputs = inputs[len(consts) :]
+        inner = _Flattener(seen=dict(self.seen))
+        outputs = inner.run(body.jaxpr, body.consts, [*consts, *inputs], origin)
+        varying = {id(symbol) for symbol in inputs}
+        inside = []
+        for equation in inner.equations:
+            if any(id(atom) in varying for atom in equation.inputs):
+                varying |= {id(symbol) for symbol in equation.outputs}
+                inside.append(equation)
+            else:
+                self.equations.append(equation)
+        ahead = {key: found for key, found in inner.seen.items() if not any(id(one) in varying for one in found)}
+        self.seen |= ahead
+        flat = Flat(inputs, tuple(outputs), tuple(inside))
+        turns = Turns(eqn.params["length"], eqn.params["reverse"], len(carried), flat)
+        results = tuple(Symbol(tuple(var.aval.shape), np.dtype(var.aval.dtype)) for var in eqn.outvars)
+        self.equations.append(_loop((*carried, *rows), results, turns, origin))
+        return list(results)
 
     def apply(self, eqn: Any, given: list[Atom], origin: Origin) -> list[Atom]:
         if eqn.primitive.name == "optimization_barrier":
@@ -204,28 +261,54 @@ def _simplify(primitive: str, given: list[Atom], aval: Any) -> Atom | None:
     return None
 
 
-def _needed(equations: list[Equation], outputs: Sequence[Atom]) -> tuple[Equation, ...]:
+def _loop(given: tuple[Atom, ...], results: tuple[Symbol, ...], turns: Turns, origin: Origin) -> Equation:
+    """Return a loop as an equation of what it starts from, its rows, and what its body reads outside."""
+    return Equation("scan", (*given, *turns.free()), results, {"turns": turns}, origin)
+
+
+def _needed(equations: Sequence[Equation], outputs: Sequence[Atom]) -> tuple[Equation, ...]:
     wanted = {id(atom) for atom in outputs}
     kept = []
     for equation in reversed(equations):
-        if any(id(symbol) in wanted for symbol in equation.outputs):
-            kept.append(equation)
-            wanted |= {id(atom) for atom in equation.inputs}
+        if not any(id(symbol) in wanted for symbol in equation.outputs):
+            continue
+        if equation.primitive == "scan":
+            equation = _pruned(equation, wanted)
+        kept.append(equation)
+        wanted |= {id(atom) for atom in equation.inputs}
     return tuple(reversed(kept))
+
+
+def _pruned(equation: Equation, wanted: set[int]) -> Equation:
+    """Return a loop that carries and collects only what is wanted of it, and what that follows from."""
+    turns: Turns = equation.params["turns"]
+    body, carried = turns.body, turns.carried
+    kept = {i for i, symbol in enumerate(equation.outputs) if id(symbol) in wanted}
+    while True:
+        needed = _needed(body.equations, [body.outputs[i] for i in sorted(kept)])
+        read = {id(atom) for one in needed for atom in one.inputs} | {id(body.outputs[i]) for i in kept}
+        follows = kept | {i for i in range(carried) if id(body.inputs[i]) in read}
+        if follows == kept:
+            break
+        kept = follows
+    places = [i for i in range(len(body.inputs)) if (i in kept if i < carried else id(body.inputs[i]) in read)]
+    outputs = sorted(kept)
+    flat = Flat(tuple(body.inputs[i] for i in places), tuple(body.outputs[i] for i in outputs), needed)
+    shorter = Turns(turns.length, turns.is_reversed, sum(i < carried for i in outputs), flat)
+    results = tuple(equation.outputs[i] for i in outputs)
+    return _loop(tuple(equation.inputs[i] for i in places), results, shorter, equation.origin)
 
 
 def _origin(traceback: Any) -> Origin | None:
     """Return the innermost place in this repository, and the innermost name outside its scalar mathematics."""
     if traceback is None:
         return None
-    frames = [f for f in traceback.frames if Path(f.file_name).is_relative_to(_ROOT / "vsajax")]
+    frames = [f for f in traceback.frames if _own(f.file_name) is not None]
     if not frames:
         return None
-    outside = [f for f in frames if "numerics" not in Path(f.file_name).parts] or frames
+    outside = [f for f in frames if not str(_own(f.file_name)).startswith("vsajax/numerics/")] or frames
     first = outside[0]
-    place = (
-        f"{Path(first.file_name).relative_to(_ROOT).as_posix()}, {first.function_name.replace('.<locals>', '')}"
-    )
+    place = f"{_own(first.file_name)}, {first.function_name.replace('.<locals>', '')}"
     for frame in outside:
         named = _target(frame.file_name, frame.line_num)
         if named is not None:
@@ -233,6 +316,13 @@ def _origin(traceback: Any) -> Origin | None:
             # Where a statement unpacks (state, value), the value is what it is about.
             return Origin(place, names[-1], names, f"{frame.file_name}:{start}")
     return Origin(place, first.function_name.rpartition(".")[2].strip("_<>"))
+
+
+@cache
+def _own(file: str) -> str | None:
+    """Return a file of the library as this repository calls it; `None` for any other."""
+    path = Path(file)
+    return path.relative_to(_ROOT).as_posix() if path.is_relative_to(_ROOT / "vsajax") else None
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,9 @@ from tuning.errors import input_error
 from tuning.exports.arithmetic import uncontracted
 from tuning.exports.checks.checking import deviation
 from tuning.exports.deployable import Deployable
+from tuning.exports.layout import dotted
 from tuning.exports.program import Slot, StepProgram
-from tuning.logs.reading import read_recording
-from vsajax import Recording, rollout
+from vsajax import rollout
 
 Columns = dict[str, np.ndarray]
 
@@ -29,8 +29,8 @@ class Golden:
     Args:
         source: where the signals come from, for people.
         time: [s].
-        inputs: by name, `(time,)`.
-        outputs: by name, `(time,)`.
+        inputs: every number by its name, `(time,)`.
+        outputs: the same.
         rounding: by how much the answers differ where products and sums are fused, relative, by name: what
             rounding alone does to it.
     """
@@ -57,8 +57,14 @@ class Golden:
         return "\n".join(lines) + "\n"
 
     def ranges(self) -> dict[str, list[float]]:
-        """Return lowest and highest value of every input: what the artefact was checked on."""
-        return {name: [float(values.min()), float(values.max())] for name, values in self.inputs.items()}
+        """Return lowest and highest value of every input, arrays as one: what the artefact was checked on."""
+        found: dict[str, list[float]] = {}
+        for name, values in self.inputs.items():
+            finite = values[np.isfinite(values)]
+            low, high = float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))
+            known = found.get(whole := name.partition("[")[0], [low, high])
+            found[whole] = [min(low, known[0]), max(high, known[1])]
+        return found
 
 
 def make_golden(deployable: Deployable, program: StepProgram, *, seconds: float, recording: Path | None) -> Golden:
@@ -74,10 +80,7 @@ def make_golden(deployable: Deployable, program: StepProgram, *, seconds: float,
         InputError: the recording lacks a signal, or nothing can be simulated.
     """
     config = deployable.config
-    if recording is not None:
-        columns, source = dict(read_recording(recording, kind=config.kind).columns), recording.name
-    else:
-        columns, source = deployable.simulate(seconds)
+    columns, source = deployable.simulate(seconds) if recording is None else deployable.record(recording)
     names = [name for name in program.inputs.names if name != "dt"]
     if (
         "deflection" in names
@@ -115,22 +118,36 @@ def answers(
         module: what has `init` and `step`.
         program: its step.
         time: [s].
-        signals: by name.
+        signals: by name, with a leading time axis.
         is_fused: let the compiler fuse products and sums; else plain IEEE arithmetic, as C has it.
     """
-    recording = Recording(jnp.asarray(time), **{name: jnp.asarray(values) for name, values in signals.items()})
+    columns = {"dt": np.diff(time, prepend=time[:1]), **signals}
+    leaves = [jnp.asarray(columns[name]) for name in program.inputs.names]
+    samples = jax.tree.unflatten(jax.tree.structure(program.inputs.tree), leaves)
 
     @jax.jit
-    def run(module: Any, recording: Recording) -> Any:
-        samples = recording.samples()
-        step = module.step if is_fused else uncontracted(module.step)
+    def run(module: Any, samples: Any, zero: jax.Array) -> Any:
+        step = module.step if is_fused else uncontracted(module.step, zero)
         state = module.init(jax.tree.map(lambda x: x[0], samples))
-        return samples, rollout.scan(step, state, samples)[1]
+        return rollout.scan(step, state, samples)[1]
 
-    samples, answers = run(module, recording)
+    answers = run(module, samples, jnp.asarray(0))
     return by_name(program.inputs, samples), by_name(program.outputs, answers)
 
 
+def assembled(slot: Slot, numbers: Mapping[str, Sequence[float] | np.ndarray]) -> Columns:
+    """Return the arrays of a slot, `(time, ...)`, from columns of their numbers; the reverse of `by_name`."""
+    arrays = {}
+    for path, leaf in slot.places:
+        columns = [numbers[dotted((*path, *index))] for index in np.ndindex(*leaf.shape)]
+        arrays[dotted(path)] = np.stack(columns, axis=-1).reshape(-1, *leaf.shape)
+    return arrays
+
+
 def by_name(slot: Slot, tree: Any) -> Columns:
-    """Return the arrays of a tree by the names of its slot."""
-    return {name: np.asarray(x) for name, x in zip(slot.names, jax.tree.leaves(tree), strict=True)}
+    """Return the numbers of a tree over time, each by its name in the slot, e.g. ``stiffness[0][2]``."""
+    found = {}
+    for (path, leaf), values in zip(slot.places, jax.tree.leaves(tree), strict=True):
+        for index in np.ndindex(*leaf.shape):
+            found[dotted((*path, *index))] = np.asarray(values)[(slice(None), *index)]
+    return found

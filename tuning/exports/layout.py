@@ -18,7 +18,8 @@ import jax
 import numpy as np
 
 Path = tuple[str | int, ...]
-Kind = Literal["real", "bool"]
+Kind = Literal["real", "bool", "int"]
+_KINDS: dict[str, Kind] = {"b": "bool", "i": "int", "u": "int"}
 _UNIT = re.compile(r"\[([^\]]*)\]")
 _ENTRY = re.compile(r"    (\w+): (.*)")
 
@@ -94,8 +95,7 @@ def describe(tree: Any, *, unit: str = "", meaning: str = "") -> Field | None:
     if tree is None:
         return None
     if hasattr(tree, "shape"):
-        kind: Kind = "bool" if np.dtype(tree.dtype) == np.bool_ else "real"
-        return Leaf(tuple(tree.shape), kind, unit, meaning)
+        return Leaf(tuple(tree.shape), _KINDS.get(np.dtype(tree.dtype).kind, "real"), unit, meaning)
     if hasattr(tree, "_fields"):
         return _record(type(tree), {name: getattr(tree, name) for name in tree._fields})
     if isinstance(tree, tuple | list):

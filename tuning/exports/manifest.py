@@ -8,7 +8,6 @@ from typing import Any
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.layout import Leaf, dotted
 from tuning.exports.program import Slot
-from tuning.exports.ranges import range_of
 from tuning.store import versions
 
 SHIPPED = ["golden.csv", "README.md", "check.py", "checking.py"]
@@ -52,7 +51,7 @@ def parameters_of(subject: Subject) -> list[dict[str, Any]]:
     program = subject.program
     rows = []
     for (path, leaf), value in zip(program.parameters.places, program.defaults, strict=True):
-        limits = range_of(subject.deployable.parts, path)
+        limits = subject.deployable.range(path)
         rows.append(
             {
                 "name": dotted(path),

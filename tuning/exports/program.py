@@ -48,7 +48,7 @@ class StepProgram:
         name: an identifier.
         title: what it is, for people.
         parameters: the tunable numbers; values are their defaults.
-        state: what is remembered.
+        state: what is remembered; there may be nothing.
         inputs: of one sample.
         outputs: of one sample.
         init: (parameters, inputs) -> state, traced.
@@ -98,7 +98,7 @@ def trace(
     """
     start, first = jax.make_jaxpr(init, return_shape=True)(module, inputs)
     whole, (_, answer) = jax.make_jaxpr(step, return_shape=True)(module, first, inputs)
-    slots = [_slot(tree) for tree in (module, first, inputs, answer)]
+    slots = [_slot(module), _slot(first, is_optional=True), _slot(inputs), _slot(answer)]
     return StepProgram(name, title, *slots, init=flatten(start), step=flatten(whole))
 
 
@@ -128,7 +128,9 @@ def program_of(module: Any, sample: Any, *, name: str, title: str) -> StepProgra
     return traced(jax.tree.unflatten(structure, [leaf if i in read else None for i, leaf in enumerate(leaves)]))
 
 
-def _slot(tree: Any) -> Slot:
+def _slot(tree: Any, *, is_optional: bool = False) -> Slot:
     layout = describe(tree)
+    if layout is None and is_optional:
+        return Slot(Record("nothing", "", {}), [], tree)
     assert isinstance(layout, Record), "parameters, state, inputs and outputs are named"
     return Slot(layout, elements(tree, layout), tree)

@@ -12,9 +12,10 @@ from vsajax.control.designer import (
     stiffness_errors,
 )
 from vsajax.control.enumeration import Enumeration
-from vsajax.control.impedance import CartesianImpedance
+from vsajax.control.impedance import CartesianImpedance, design_damping, impedance_torque
 from vsajax.control.interior_point import InteriorPoint
 from vsajax.control.observers import ObservedController, SwingObserver
+from vsajax.control.online import ArmCommand, ArmController, ArmReading
 from vsajax.control.passive import (
     PassiveFit,
     StiffnessBounds,
@@ -40,6 +41,9 @@ __all__ = [
     "AbstractController",
     "AbstractRule",
     "ActiveSet",
+    "ArmCommand",
+    "ArmController",
+    "ArmReading",
     "BangBangPosition",
     "BoxLeastSquares",
     "BoxSolution",
@@ -68,10 +72,12 @@ __all__ = [
     "SwingObserver",
     "TimeLead",
     "compliance_problem",
+    "design_damping",
     "eigen",
     "fit_active",
     "fit_passive",
     "hand_compliance",
+    "impedance_torque",
     "improve_pose",
     "inverse",
     "passive_scale",

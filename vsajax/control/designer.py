@@ -152,7 +152,10 @@ class StiffnessDesigner(eqx.Module):
         desired = inverse(safe_desired)
         fit = fit_passive(safe_jacobian, desired, safe_bounds, self.solver, self.weights)
         scale = passive_scale(self.scaling, desired, hand_compliance(safe_jacobian, fit.compliance), floor)
-        is_reachable = jnp.isfinite(scale) & (eigen(desired)[0].min() >= floor * (1.0 - _ROUNDING))
+        is_reachable = jnp.isfinite(scale)
+        # The exact scale is finite only where C_d − 0⁺ I is definite, which says the same.
+        if self.scaling != "exact":
+            is_reachable = is_reachable & (eigen(desired)[0].min() >= floor * (1.0 - _ROUNDING))
         scale = jnp.where(jnp.isfinite(scale), scale, 1.0)
         compliance = scale * fit.compliance
         if self.clip:

@@ -12,7 +12,60 @@ from vsajax.control.spectrum import eigen
 from vsajax.types import Scalar, as_leaf
 
 Joints = Float[Array, " joints"]
-Matrix = Float[Array, "3 3"]
+Matrix = Float[Array, "m m"]
+
+_RIDGE = 1e-14
+"""Of J Jᵀ, relative to its trace: at a singular pose the torque stays finite, elsewhere nothing changes."""
+_FLATTEST = 1e-12
+"""Smallest eigenvalue of J Jᵀ that damping is designed for, relative to the largest."""
+
+
+def design_damping(
+    jacobian: Float[Array, "m joints"], stiffness: Matrix, ratio: Scalar | float, motor_inertia: Scalar | float
+) -> Matrix:
+    """Return the D that damps every mode of K and of the motors' inertia at the hand by ζ [N·s/m].
+
+    With Λ = (J B⁻¹ Jᵀ)⁻¹ it is D = 2ζ Λ^½ (Λ^-½ K Λ^-½)^½ Λ^½.
+
+    Args:
+        jacobian: J.
+        stiffness: K [N/m].
+        ratio: ζ.
+        motor_inertia: B [kg·m²].
+    """
+    values, vectors = eigen(jacobian @ jacobian.T / motor_inertia)
+    spread = jnp.sqrt(jnp.maximum(values, _FLATTEST * values.max()))
+    inverse_root, root = (vectors * spread) @ vectors.T, (vectors / spread) @ vectors.T
+    values, vectors = eigen(numerics.symmetric_part(inverse_root @ stiffness @ inverse_root))
+    modes = (vectors * jnp.sqrt(values)) @ vectors.T
+    return numerics.symmetric_part(2.0 * ratio * root @ modes @ root)
+
+
+def posture_damping(ratio: Scalar | float, motor_inertia: Scalar | float, stiffness: Scalar) -> Scalar:
+    """Return d_n = 2ζ √(B k_n), the damping of the posture [N·m·s/rad].
+
+    Args:
+        ratio: ζ.
+        motor_inertia: B [kg·m²].
+        stiffness: k_n [N·m/rad].
+    """
+    return 2.0 * ratio * jnp.sqrt(motor_inertia * stiffness)
+
+
+def impedance_torque(
+    jacobian: Float[Array, "m joints"], force: Float[Array, " m"], posture_torque: Joints
+) -> Joints:
+    """Return −Jᵀ f − N τ of (12), with N = I − J⁺ J [N·m].
+
+    Args:
+        jacobian: J.
+        force: f, of the hand's springs and dampers [N].
+        posture_torque: τ, of the posture's, before it is projected [N·m].
+    """
+    square = jacobian @ jacobian.T
+    square = square + _RIDGE * jnp.trace(square) * jnp.eye(square.shape[0])
+    seen = jacobian.T @ numerics.solve_square(square, (jacobian @ posture_torque)[:, None])[:, 0]
+    return -jacobian.T @ force - (posture_torque - seen)
 
 
 class CartesianImpedance(eqx.Module):
@@ -33,35 +86,28 @@ class CartesianImpedance(eqx.Module):
     """
 
     arm: SerialArm
-    stiffness: Matrix = eqx.field(converter=as_leaf)
+    stiffness: Float[Array, "3 3"] = eqx.field(converter=as_leaf)
     posture: Joints = eqx.field(converter=as_leaf)
     posture_stiffness: Scalar = eqx.field(converter=as_leaf, default=20.0)
-    damping: Matrix = eqx.field(converter=as_leaf, default_factory=lambda: jnp.zeros((3, 3)))
+    damping: Float[Array, "3 3"] = eqx.field(converter=as_leaf, default_factory=lambda: jnp.zeros((3, 3)))
     posture_damping: Scalar = eqx.field(converter=as_leaf, default=0.0)
 
     def damped(self, ratio: Scalar | float, motor_inertia: Scalar | float) -> CartesianImpedance:
         """Return the controller with D and d_n for a damping ratio of the motors' motion, at its posture.
 
-        With Λ = (J B⁻¹ Jᵀ)⁻¹, the motors' inertia at the hand, D = 2ζ Λ^½ (Λ^-½ K Λ^-½)^½ Λ^½ damps every mode of
-        Λ and K by ζ, and d_n = 2ζ √(B k_n).
+        D is that of `design_damping`, d_n = 2ζ √(B k_n).
 
         Args:
             ratio: ζ.
             motor_inertia: B [kg·m²].
         """
-        jacobian = self.arm.position_jacobian(self.posture)
-        root = _power(jacobian @ jacobian.T / motor_inertia, -0.5)
-        inverse_root = _power(jacobian @ jacobian.T / motor_inertia, 0.5)
-        modes = _power(numerics.symmetric_part(inverse_root @ self.stiffness @ inverse_root), 0.5)
-        damping = 2.0 * ratio * root @ modes @ root
-        posture_damping = 2.0 * ratio * jnp.sqrt(motor_inertia * self.posture_stiffness)
         return CartesianImpedance(
             self.arm,
             self.stiffness,
             self.posture,
             self.posture_stiffness,
-            numerics.symmetric_part(damping),
-            posture_damping,
+            design_damping(self.arm.position_jacobian(self.posture), self.stiffness, ratio, motor_inertia),
+            posture_damping(ratio, motor_inertia, self.posture_stiffness),
         )
 
     def torque(self, positions: Joints, velocities: Joints) -> Joints:
@@ -75,10 +121,4 @@ class CartesianImpedance(eqx.Module):
         offset = self.arm.forward(positions).position - self.arm.forward(self.posture).position
         force = self.stiffness @ offset + self.damping @ (jacobian @ velocities)
         posture = self.posture_stiffness * (positions - self.posture) + self.posture_damping * velocities
-        seen = jacobian.T @ numerics.solve_square(jacobian @ jacobian.T, (jacobian @ posture)[:, None])[:, 0]
-        return -jacobian.T @ force - (posture - seen)
-
-
-def _power(matrix: Matrix, exponent: float) -> Matrix:
-    values, vectors = eigen(matrix)
-    return (vectors * values**exponent) @ vectors.T
+        return impedance_torque(jacobian, force, posture)

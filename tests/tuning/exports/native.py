@@ -28,11 +28,11 @@ STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror"
 def answers_of(program: StepProgram, module: Any, step: Any, init: Any, samples: Any) -> Golden:
     """Return what jax answers to samples, in plain arithmetic."""
 
-    def run(module: Any, samples: Any) -> Any:
+    def run(module: Any, samples: Any, zero: jax.Array) -> Any:
         state = init(module, jax.tree.map(lambda x: x[0], samples))
-        return rollout.scan(uncontracted(lambda s, u: step(module, s, u)), state, samples)[1]
+        return rollout.scan(uncontracted(lambda s, u: step(module, s, u), zero), state, samples)[1]
 
-    outputs = by_name(program.outputs, jax.jit(run)(module, samples))
+    outputs = by_name(program.outputs, jax.jit(run)(module, samples, jnp.asarray(0)))
     inputs = by_name(program.inputs, samples)
     time = np.arange(len(next(iter(inputs.values())))) * 1e-3
     return Golden("a test", time, inputs, outputs, {})

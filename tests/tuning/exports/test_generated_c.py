@@ -231,7 +231,7 @@ def branching(module, state, u):
 
 
 def looping(module, state, u):
-    return state, Answer((jax.lax.fori_loop(0, 3, lambda _, a: a * u.x, u.y),), u.x > 0.0)
+    return state, Answer((jax.lax.while_loop(lambda a: a < 1.0, lambda a: a + u.x, u.y),), u.x > 0.0)
 
 
 def sorting(module, state, u):

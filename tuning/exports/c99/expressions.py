@@ -1,40 +1,65 @@
-"""What C computes: expressions over places, with indices that are affine in a loop variable."""
+"""What C computes: expressions over places, with indices that are affine in a loop variable or looked up."""
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 Type = Literal["real", "int", "bool"]
-Role = Literal["given", "state", "local", "result"]
+Role = Literal["given", "state", "local", "carried", "result"]
 Loop = tuple[str, int, int]
 """Loop variable, first value, end."""
 
 
 @dataclass(frozen=True)
 class Index:
-    """offset + scale · variable; a constant where there is no variable."""
+    """offset + scale · variable + chosen; a constant where there is neither variable nor chosen.
+
+    Args:
+        offset: a number.
+        variable: of a loop.
+        scale: of the variable.
+        chosen: a whole number that is computed, such as where a pivot lies.
+    """
 
     offset: int = 0
     variable: str | None = None
     scale: int = 1
+    chosen: Expression | None = None
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it is a number."""
+        return self.variable is None and self.chosen is None
 
     def shifted(self, by: int) -> Index:
         """Return the index `by` further."""
-        return Index(self.offset + by, self.variable, self.scale)
+        return replace(self, offset=self.offset + by)
 
     def scaled(self, by: int) -> Index:
         """Return the index `by` times."""
-        return Index(by * self.offset, self.variable, by * self.scale)
+        chosen = self.chosen
+        if chosen is not None and by != 1:
+            chosen = Apply("mul", (chosen, Number(by, "int")), "int")
+        return Index(by * self.offset, self.variable, by * self.scale, chosen)
 
-    def __str__(self) -> str:
-        if self.variable is None:
-            return str(self.offset)
-        text = self.variable if self.scale == 1 else f"{self.scale} * {self.variable}"
-        if self.offset:
-            text = f"{text} {'+' if self.offset > 0 else '-'} {abs(self.offset)}"
-        return text
+    def plus(self, other: Index) -> Index:
+        """Return the sum of two indices."""
+        offset = self.offset + other.offset
+        if None in (self.variable, other.variable) and None in (self.chosen, other.chosen):
+            varied = other if self.variable is None else self
+            return Index(offset, varied.variable, varied.scale, self.chosen or other.chosen)
+        terms = tuple(one.shifted(-one.offset).expression() for one in (self, other))
+        return Index(offset, chosen=Apply("add", terms, "int"))
+
+    def expression(self) -> Expression:
+        """Return the index as a number to compute with."""
+        if self.is_constant:
+            return Number(self.offset, "int")
+        is_bare = self.chosen is not None and self.variable is None and not self.offset
+        return self.chosen if self.chosen is not None and is_bare else Position(self)
 
 
 Indices = tuple[Index, ...]
@@ -49,7 +74,8 @@ class Storage:
         indices: constant leading indices, e.g. of a row in a matrix.
         shape: of what lies there.
         type: of its elements.
-        role: "given" by the caller and never written; "state", read before it is written; "local"; "result".
+        role: "given" by the caller and never written; "state", read before it is written; "local", written once;
+            "carried" from turn to turn of a loop, or collected there; "result".
         group: locals of one group may become one array.
         is_inner: it only lives within one turn of a fused loop.
     """
@@ -61,6 +87,17 @@ class Storage:
     role: Role
     group: str = ""
     is_inner: bool = False
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it is a variable of the function."""
+        return self.role in {"local", "carried"}
+
+    def is_same(self, other: Storage) -> bool:
+        """Return whether both are the same place; variables have no name yet."""
+        if self.is_local or other.is_local:
+            return self is other
+        return self.name == other.name and self.indices == other.indices
 
 
 @dataclass(frozen=True)
@@ -132,12 +169,37 @@ def size(expression: Expression) -> int:
 
 
 def reads(expression: Expression) -> list[Read]:
-    """Return every place that an expression reads."""
+    """Return every place that an expression reads, those that its indices read too."""
     if isinstance(expression, Read):
-        return [expression]
+        return [expression, *_looked_up(expression.indices)]
+    if isinstance(expression, Position):
+        return _looked_up((expression.index,))
     if isinstance(expression, Apply):
         return [read for argument in expression.arguments for read in reads(argument)]
     return []
+
+
+def _looked_up(indices: Indices) -> list[Read]:
+    return [read for index in indices if index.chosen is not None for read in reads(index.chosen)]
+
+
+def rewritten(expression: Expression, change: Callable[[Read], Read]) -> Expression:
+    """Return an expression with every read changed, those in its indices too."""
+    if isinstance(expression, Read):
+        return change(replace(expression, indices=_indices_rewritten(expression.indices, change)))
+    if isinstance(expression, Position):
+        (index,) = _indices_rewritten((expression.index,), change)
+        return replace(expression, index=index)
+    if isinstance(expression, Apply):
+        return replace(expression, arguments=tuple(rewritten(a, change) for a in expression.arguments))
+    return expression
+
+
+def _indices_rewritten(indices: Indices, change: Callable[[Read], Read]) -> Indices:
+    return tuple(
+        index if index.chosen is None else replace(index, chosen=rewritten(index.chosen, change))
+        for index in indices
+    )
 
 
 @dataclass(eq=False)
@@ -150,7 +212,8 @@ class Assign:
         value: what.
         loops: outermost first.
         inner: loops over which values are accumulated into the target.
-        combine: "sum", "max", "min" with `inner`.
+        combine: with `inner`: "sum", "product", "max", "min", "and", "or"; "place" where the value, which may read
+            the target, takes its place at every turn, and 0 is there first.
         place: in the source.
     """
 
@@ -169,3 +232,37 @@ class Assign:
         for _, start, end in (*self.loops, *self.inner):
             total *= end - start
         return total
+
+
+@dataclass(eq=False)
+class Repeat:
+    """A loop around statements that hand on to each other what they carry.
+
+    Args:
+        loop: the loop.
+        body: its statements.
+        place: in the source.
+        collected: arrays of which every turn writes a row.
+        fused: in the end the body with long loops fused, see `fusing`.
+    """
+
+    loop: Loop
+    body: list[Assign | Repeat]
+    place: str = ""
+    collected: list[Storage] = field(default_factory=list)
+    fused: list[Any] = field(default_factory=list)
+
+    @property
+    def times(self) -> int:
+        """How many turns it has."""
+        _, start, end = self.loop
+        return end - start
+
+
+def assigns(statements: Iterable[Assign | Repeat]) -> Iterator[Assign]:
+    """Yield every assignment, those in loops too."""
+    for statement in statements:
+        if isinstance(statement, Repeat):
+            yield from assigns(statement.body)
+        else:
+            yield statement

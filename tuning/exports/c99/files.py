@@ -8,18 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tuning.exports.c99.expressions import Assign, Index, Storage
+from tuning.exports.c99.expressions import Assign, Index, Loop, Number, Repeat, Storage, Type
 from tuning.exports.c99.fusing import Block, Statement, Sums
 from tuning.exports.c99.generate import Derived, Generated, member, storage_of
 from tuning.exports.c99.lowering import Code
 from tuning.exports.c99.naming import identifier
-from tuning.exports.c99.printing import FUNCTIONS, HELPERS, decimal, place, short, statement, sums
+from tuning.exports.c99.printing import FUNCTIONS, HELPERS, decimal, number, place, short, statement, sums
 from tuning.exports.c99.rolling import roll
 from tuning.exports.layout import Field, Leaf, Record, Repeated
 from tuning.exports.program import StepProgram
 from tuning.exports.rendering import render
 
-_ARGUMENTS = frozenset({"self", "in", "out", "first", "params", *"ijklmn"})
+_ARGUMENTS = frozenset({"self", "in", "out", "first", "params", "turn", *"ijklmn"})
 """What no local variable may be called."""
 
 
@@ -58,6 +58,7 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
         "step.h",
         **shared,
         has_derived=bool(derived),
+        has_state=bool(program.state.places),
         structs="\n".join([*params, *state, *derived, *inputs, *outputs]),
     )
     prepare, init, step = (_body(code) for code in (generated.prepare, generated.init, generated.step))
@@ -69,7 +70,8 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
         f"{_lines(['self->params = *params;', 'prepare(self);', *_unused('first', init), *init])}}}\n",
         f"void {name}_tune({name} *self, const {name}_params *params)\n{{\n"
         f"{_lines(['self->params = *params;', 'prepare(self);'])}}}\n",
-        f"void {name}_step({name} *self, const {name}_input *in, {name}_output *out)\n{{\n{_lines(step)}}}\n",
+        f"void {name}_step({name} *self, const {name}_input *in, {name}_output *out)\n{{\n"
+        f"{_lines([*_unused('self', step), *step])}}}\n",
     ]
     text = "\n".join(body)
     functions = [(short(f), f) for f in sorted(set(FUNCTIONS.values())) if f"r_{short(f)}(" in text]
@@ -95,9 +97,10 @@ class _Structs:
         self.known: dict[str, str] = {}
 
     def of(self, name: str, layout: Record) -> list[str]:
-        """Return the definitions of a struct and of all that it holds, innermost first."""
+        """Return the definitions of a struct and of all that it holds, innermost first; none of an empty one."""
         found: list[str] = []
-        self._define(layout, found, f"{self.prefix}_{name}")
+        if layout.fields:
+            self._define(layout, found, f"{self.prefix}_{name}")
         return found
 
     def _define(self, record: Record, found: list[str], wanted: str) -> str:
@@ -123,7 +126,7 @@ class _Structs:
         if isinstance(field, Record):
             inner = self._define(field, found, f"{self.prefix}_{field.name}")
             return [f"{inner} {identifier(name)}{count};"]
-        kind = "bool" if field.kind == "bool" else f"{self.prefix}_real"
+        kind = f"{self.prefix}_real" if field.kind == "real" else field.kind
         dimensions = count + "".join(f"[{n}]" for n in field.shape)
         return comment(f"{kind} {identifier(name)}{dimensions};", _remark(field))
 
@@ -161,7 +164,11 @@ def _ascii(text: str) -> str:
 def _derived_struct(name: str, derived: tuple[Derived, ...]) -> list[str]:
     if not derived:
         return []
-    members = "".join(f"    {name}_real {one.name}{''.join(f'[{n}]' for n in one.shape)};\n" for one in derived)
+    types = {"real": f"{name}_real"}
+    members = "".join(
+        f"    {types.get(one.type, one.type)} {one.name}{''.join(f'[{n}]' for n in one.shape)};\n"
+        for one in derived
+    )
     return [f"/* What follows from the parameters alone; set by {name}_init and {name}_tune. */\n"
             f"typedef struct {name}_derived {{\n{members}}} {name}_derived;\n"]  # fmt: skip
 
@@ -183,25 +190,45 @@ def _tables(code: Code) -> Iterator[str]:
         yield f"static const {kind} {storage.name}{dimensions} = {_initialiser(array, storage.type)};\n"
 
 
-def _initialiser(array: np.ndarray, kind: str) -> str:
+def _initialiser(array: np.ndarray, kind: Type) -> str:
     if array.ndim > 1:
         return "{" + ", ".join(_initialiser(row, kind) for row in array) + "}"
-    texts = [f"R({decimal(float(x))})" if kind == "real" else str(int(x)) for x in array]
+    texts = [number(Number(float(x), kind))[0] for x in array]
     lines = wrapped_words(", ".join(texts), 92)
     return "{\n    " + "\n    ".join(lines) + "\n}" if len(lines) > 1 else "{" + lines[0] + "}"
 
 
-def _name_locals(statements: list[Assign]) -> dict[str, str]:
-    """Give locals their names, those of one statement of the source one array; return the arrays' declarations."""
-    groups: dict[tuple[str, tuple[int, ...], str], list[Storage]] = {}
+Groups = dict[tuple[int, str, tuple[int, ...], str], list[Storage]]
+
+
+def _grouped(statements: Sequence[Assign | Repeat], scope: int, groups: Groups) -> Groups:
+    """Return the variables of one statement of the source, of one shape, that are declared in one place."""
+
+    def join(one: Storage) -> None:
+        known = any(other is one for members in groups.values() for other in members)
+        if one.is_local and not known:
+            groups.setdefault((scope, one.group, one.shape, one.type), []).append(one)
+
     for s in statements:
-        if s.target.role == "local":
-            members = groups.setdefault((s.target.group, s.target.shape, s.target.type), [])
-            if s.target not in members:
-                members.append(s.target)
+        if isinstance(s, Assign):
+            join(s.target)
+            continue
+        for one in s.collected:
+            join(one)
+        _grouped(s.body, id(s), groups)
+    return groups
+
+
+def _name_locals(statements: Sequence[Assign | Repeat]) -> tuple[dict[str, str], set[str]]:
+    """Give locals their names, those of one statement of the source one array.
+
+    Returns:
+        The declarations of what is not declared where it is written, and all names.
+    """
     taken: Counter[str] = Counter()
     declared: dict[str, str] = {}
-    for members in groups.values():
+    names = set()
+    for members in _grouped(statements, 0, {}).values():
         base = identifier(members[0].name)
         base = f"{base}_value" if base in _ARGUMENTS else base
         taken[base] += 1
@@ -210,14 +237,15 @@ def _name_locals(statements: list[Assign]) -> dict[str, str]:
         dimensions = (len(members), *first.shape) if len(members) > 1 else first.shape
         for n, one in enumerate(members):
             one.name, one.indices = name, (Index(n),) if len(members) > 1 else ()
-        if dimensions:
+        if dimensions or first.role == "carried":
             declared[name] = f"{first.type} {name}{''.join(f'[{n}]' for n in dimensions)};"
-    return declared
+        names.add(name)
+    return declared, names
 
 
 def _body(code: Code) -> list[str]:
     """Return the lines of a function."""
-    return _Body(_name_locals(code.statements)).lines(code.fused)
+    return _Body(*_name_locals(code.statements)).lines(code.fused)
 
 
 @dataclass
@@ -226,9 +254,11 @@ class _Body:
 
     Args:
         declared: declarations by name, of what is not written yet.
+        taken: names that are in use.
     """
 
     declared: dict[str, str]
+    taken: set[str]
     place: str = ""
 
     def lines(self, statements: Sequence[Statement]) -> list[str]:
@@ -246,38 +276,44 @@ class _Body:
                 lines += [line for s in one.body for line in self._declaration(s)]
                 lines += sums(one.body, one.loop, [self._is_number(s) for s in one.body])
             if isinstance(one, Block):
-                variable, start, end = one.loop
                 lines += [
                     self.declared.pop(s.target.name)
                     for s in one.body
                     if s.target.role == "local" and not s.target.is_inner and s.target.name in self.declared
                 ]
-                inner = self.lines(one.body)
-                lines += [f"for (int {variable} = {start}; {variable} < {end}; ++{variable}) {{"]
-                lines += [f"    {line}" if line else "" for line in inner]
-                lines.append("}")
+                lines += _loop(one.loop, self.lines(one.body))
+            if isinstance(one, Repeat):
+                lines += self._head(one, is_first=not lines)
+                lines += [self.declared.pop(c.name) for c in one.collected if c.name in self.declared]
+                lines += _loop(one.loop, self.lines(one.fused))
         return lines
 
     def _plain(self, statements: list[Assign], *, is_first: bool) -> list[str]:
         lines: list[str] = []
-        for s in roll(statements):
+        for s in roll(statements, self.taken):
             lines += self._head(s, is_first=is_first and not lines)
             lines += self._declaration(s)
             lines += statement(s, declare=self._is_number(s))
         return lines
 
-    def _head(self, s: Assign, *, is_first: bool) -> list[str]:
+    def _head(self, s: Assign | Repeat, *, is_first: bool) -> list[str]:
         if not s.place or s.place == self.place:
             return []
         self.place = s.place
         return ([] if is_first else [""]) + [f"/* {s.place} */"]
 
     def _declaration(self, s: Assign) -> list[str]:
-        is_due = s.target.role == "local" and s.target.name in self.declared
+        is_due = s.target.is_local and s.target.name in self.declared
         return [self.declared.pop(s.target.name)] if is_due else []
 
     def _is_number(self, s: Assign) -> bool:
         return s.target.role == "local" and not s.target.shape and not s.target.indices
+
+
+def _loop(loop: Loop, body: list[str]) -> list[str]:
+    variable, start, end = loop
+    head = f"for (int {variable} = {start}; {variable} < {end}; ++{variable}) {{"
+    return [head, *(f"    {line}" if line else "" for line in body), "}"]
 
 
 __all__ = ["Source", "member", "write"]

@@ -9,7 +9,18 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 
-from tuning.exports.c99.expressions import Apply, Assign, Expression, Index, Loop, Read, Storage, reads
+from tuning.exports.c99.expressions import (
+    Assign,
+    Expression,
+    Index,
+    Loop,
+    Read,
+    Repeat,
+    Storage,
+    assigns,
+    reads,
+    rewritten,
+)
 
 _LONG = 64
 """Turns of a loop from which it is worth it."""
@@ -41,13 +52,17 @@ class Sums:
     body: list[Assign] = field(default_factory=list)
 
 
-Statement = Assign | Block | Sums
+Statement = Assign | Block | Sums | Repeat
 
 
-def fuse(statements: Sequence[Assign]) -> list[Statement]:
+def fuse(statements: Sequence[Assign | Repeat]) -> list[Statement]:
     """Return the statements with long loops fused, in an order that changes no result."""
     fused: list[Statement] = []
     for statement in statements:
+        if isinstance(statement, Repeat):
+            statement.fused = fuse(statement.body)
+            fused.append(statement)
+            continue
         if _is_long_sum(statement):
             sums = _companions(fused, statement)
             if sums is None:
@@ -119,7 +134,7 @@ def _companions(fused: list[Statement], s: Assign) -> Sums | None:
 
 
 def _parts(statement: Statement) -> list[Assign]:
-    return [statement] if isinstance(statement, Assign) else statement.body
+    return list(assigns([statement] if isinstance(statement, Assign | Repeat) else statement.body))
 
 
 def _earliest(fused: list[Statement], s: Assign) -> int:
@@ -155,7 +170,7 @@ def _conflict(first: Assign, second: Assign) -> bool:
 
 
 def _key(storage: Storage) -> Hashable:
-    return id(storage) if storage.role == "local" else (storage.name, storage.indices)
+    return id(storage) if storage.is_local else (storage.name, storage.indices)
 
 
 def _contract(block: Block, fused: list[Statement], number: int) -> None:
@@ -182,8 +197,4 @@ def _contract(block: Block, fused: list[Statement], number: int) -> None:
 
 
 def _without(e: Expression, gone: dict[int, Storage]) -> Expression:
-    if isinstance(e, Read):
-        return Read(e.storage, e.indices[1:]) if id(e.storage) in gone else e
-    if isinstance(e, Apply):
-        return Apply(e.operation, tuple(_without(a, gone) for a in e.arguments), e.type)
-    return e
+    return rewritten(e, lambda r: Read(r.storage, r.indices[1:]) if id(r.storage) in gone else r)

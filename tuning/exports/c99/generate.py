@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tuning.exports.c99.expressions import Assign, Index, Read, Role, Storage, operations
+from tuning.exports.c99.expressions import Assign, Index, Read, Repeat, Role, Storage, Type, assigns, operations
 from tuning.exports.c99.fusing import fuse
 from tuning.exports.c99.lowering import Code, Lowering, settle
 from tuning.exports.c99.naming import identifier
 from tuning.exports.c99.primitives import type_of
 from tuning.exports.c99.values import Value, stored
 from tuning.exports.flatten import Equation, Flat, Symbol
-from tuning.exports.layout import Path
+from tuning.exports.layout import Kind, Path
 from tuning.exports.program import Places, Slot, StepProgram
+
+_COMBINED = {"sum": "add", "product": "mul"}
+"""The operations of an accumulation, where they have another name."""
 
 
 @dataclass(frozen=True)
@@ -23,10 +27,12 @@ class Derived:
     Args:
         name: in the struct of derived values.
         shape: its dimensions.
+        type: of its elements.
     """
 
     name: str
     shape: tuple[int, ...]
+    type: Type
 
 
 @dataclass(frozen=True)
@@ -50,12 +56,20 @@ class Generated:
 
 def count(code: Code) -> Counter[str]:
     """Return how many operations of each kind some code runs through, every branch of a choice counted."""
+    return _counted(code.statements)
+
+
+def _counted(statements: Sequence[Assign | Repeat]) -> Counter[str]:
     total: Counter[str] = Counter()
-    for statement in code.statements:
+    for statement in statements:
+        if isinstance(statement, Repeat):
+            for name, n in _counted(statement.body).items():
+                total[name] += n * statement.times
+            continue
         for name, n in operations(statement.value).items():
             total[name] += n * statement.times
-        if statement.inner:
-            total["add" if statement.combine == "sum" else statement.combine] += statement.times
+        if statement.inner and statement.combine != "place":
+            total[_COMBINED.get(statement.combine, statement.combine)] += statement.times
     return total
 
 
@@ -84,11 +98,13 @@ def generate(program: StepProgram) -> Generated:
     lowering = Lowering(flat, known, prepare, {i: places[id(s)] for i, (s, _) in enumerate(frontier)})
     for equation in fixed:
         lowering.equation(equation)
-    written = {id(statement.target) for statement in prepare.statements}
+    for symbol, _ in frontier:
+        lowering.keep(symbol, places[id(symbol)])
+    written = {id(statement.target) for statement in assigns(prepare.statements)}
     for symbol, _ in frontier:
         storage = places[id(symbol)]
         if id(storage) in written:
-            derived.append(Derived(storage.name.removeprefix("self->derived."), storage.shape))
+            derived.append(Derived(storage.name.removeprefix("self->derived."), storage.shape, storage.type))
 
     old = _storages(state.places, "self->state", "state")
     new = _storages(state.places, "next", "result")
@@ -145,15 +161,13 @@ def member(path: Path) -> str:
     return text
 
 
-def storage_of(path: Path, shape: tuple[int, ...], kind: str, root: str, role: Role) -> Storage:
+def storage_of(path: Path, shape: tuple[int, ...], kind: Kind, root: str, role: Role) -> Storage:
     """Return the place of an array below a struct."""
     cut = len(path)
     while cut and isinstance(path[cut - 1], int):
         cut -= 1
     name = root + ("->" if root in {"in", "out", "first"} else ".") + member(path[:cut])
-    return Storage(
-        name, tuple(Index(int(i)) for i in path[cut:]), shape, "bool" if kind == "bool" else "real", role
-    )
+    return Storage(name, tuple(Index(int(i)) for i in path[cut:]), shape, kind, role)
 
 
 def _given(symbols: tuple[Symbol, ...], slot: Slot, root: str, role: Role) -> dict[int, Value]:
@@ -164,7 +178,9 @@ def _drop_unchanged(code: Code, old: list[Storage], new: list[Storage]) -> None:
     """Remove the copies of what stays as it is."""
     pairs = {id(n): o for o, n in zip(old, new, strict=True)}
 
-    def is_idle(s: Assign) -> bool:
+    def is_idle(s: Assign | Repeat) -> bool:
+        if isinstance(s, Repeat):
+            return False
         mine, value = pairs.get(id(s.target)), s.value
         return isinstance(value, Read) and value.storage is mine and value.indices == s.indices
 

@@ -22,15 +22,18 @@ from tuning.exports.c99.expressions import (
     Number,
     Position,
     Read,
+    Repeat,
     Storage,
     Type,
+    assigns,
     reads,
+    rewritten,
     size,
 )
 from tuning.exports.c99.fusing import Statement
-from tuning.exports.c99.primitives import REDUCTIONS, lower, type_of
+from tuning.exports.c99.primitives import EXTREMES, REDUCTIONS, is_view, lower, type_of
 from tuning.exports.c99.values import Value, stored
-from tuning.exports.flatten import Atom, Equation, Flat, Origin, Symbol
+from tuning.exports.flatten import Atom, Equation, Flat, Origin, Symbol, Turns
 
 _LONGEST = 48
 """Operations of an expression, above which it is cut."""
@@ -38,6 +41,8 @@ _FREE = 2
 """Operations up to which what follows from the place alone, such as a unit matrix, is not worth storing."""
 _NAMED = 6
 """Operations from which a value that the source names is stored under that name."""
+_READ_AGAIN = frozenset({"square", "integer_pow", "scan"})
+"""Operations that read what they are given more than once."""
 _VARIABLES = "ijklmn"
 
 
@@ -45,7 +50,7 @@ _VARIABLES = "ijklmn"
 class Code:
     """Statements, the constant arrays that they read, and in the end the same statements with long loops fused."""
 
-    statements: list[Assign] = field(default_factory=list)
+    statements: list[Assign | Repeat] = field(default_factory=list)
     tables: list[tuple[Storage, np.ndarray]] = field(default_factory=list)
     fused: list[Statement] = field(default_factory=list)
 
@@ -72,12 +77,14 @@ class Lowering:
         known: values of symbols that are there already.
         code: what it adds to.
         results: places of the function's results, by position.
+        depth: how many loops of the source it is in.
     """
 
     flat: Flat
     known: dict[int, Value]
     code: Code
     results: dict[int, Storage]
+    depth: int = 0
 
     def __post_init__(self) -> None:
         self.uses: Counter[int] = Counter()
@@ -92,7 +99,7 @@ class Lowering:
                 self.origins[id(symbol)] = inner or equation.origin
             for atom in equation.inputs:
                 self.readers[id(atom)] = equation
-                self.uses[id(atom)] += 2 if equation.primitive in {"square", "integer_pow"} else 1
+                self.uses[id(atom)] += 2 if equation.primitive in _READ_AGAIN else 1
                 is_widened = int(np.prod(atom.shape)) < result and equation.primitive != "concatenate"
                 if is_widened or equation.primitive == "unstack":
                     self.widened.add(id(atom))
@@ -112,6 +119,13 @@ class Lowering:
                 self._deliver(self.value(atom), self.results[position])
         return self.known
 
+    def keep(self, symbol: Symbol, storage: Storage) -> None:
+        """Put a value that lies in a variable of this function where it outlives it."""
+        value = self.known[id(symbol)]
+        if any(read.storage.is_local for read in reads(value.at(loops_over(value.shape)[0]))):
+            self._deliver(value, storage)
+            self.known[id(symbol)] = stored(storage)
+
     def value(self, atom: Atom) -> Value:
         """Return the value of a symbol or a constant."""
         if isinstance(atom, Symbol):
@@ -121,13 +135,19 @@ class Lowering:
     def equation(self, equation: Equation) -> None:
         """Lower one equation."""
         given = [self.value(atom) for atom in equation.inputs]
+        if equation.primitive == "scan":
+            self._repeat(equation, given)
+            return
+        if equation.primitive in EXTREMES:
+            self.known[id(equation.outputs[0])] = self._choose(equation, given[0])
+            return
         if equation.primitive in REDUCTIONS:
             self.known[id(equation.outputs[0])] = self._reduce(equation, given[0])
             return
         if equation.primitive == "dot_general":
             self.known[id(equation.outputs[0])] = self._contract(equation, given)
             return
-        if equation.primitive not in {"concatenate", "stack", "slice", "unstack", "squeeze", "reshape"}:
+        if not is_view(equation):
             # Only a view may look into pieces, and only at constant places.
             given = [self._whole(value, equation) for value in given]
         for symbol, value in zip(equation.outputs, lower(equation, given), strict=True):
@@ -191,6 +211,74 @@ class Lowering:
             equation, value.at(indices), value, outer, loops, sums, REDUCTIONS[equation.primitive]
         )
 
+    def _choose(self, equation: Equation, value: Value) -> Value:
+        """Lower argmax or argmin: the first place of the extreme, or of a number that is none."""
+        (axis,) = equation.params["axes"]
+        value = self._stored_whole(value, equation)
+        outer, loops = loops_over(equation.outputs[0].shape)
+        (candidate,), turns = loops_over([value.shape[axis]], len(loops))
+        storage = self._place_of(equation)
+
+        def at(index: Index) -> Expression:
+            return value.at((*outer[:axis], index, *outer[axis:]))
+
+        mine, best = at(candidate), at(Index(chosen=Read(storage, outer)))
+        is_better = Apply(EXTREMES[equation.primitive], (mine, best), "bool")
+        if value.type == "real":
+            is_none, has_none = (Apply("ne", (one, one), "bool") for one in (mine, best))
+            is_first = Apply("and", (is_none, Apply("not", (has_none,), "bool")), "bool")
+            is_better = Apply("or", (is_better, is_first), "bool")
+        choice = Apply("select", (is_better, candidate.expression(), Read(storage, outer)), "int")
+        self.code.statements.append(Assign(storage, outer, choice, loops, turns, "place", equation.origin.place))
+        return stored(storage)
+
+    def _stored_whole(self, value: Value, equation: Equation) -> Value:
+        """Return a value whose elements are places, so that they can be read at any index."""
+        if not value.pieces and isinstance(value.at(loops_over(value.shape)[0]), Read):
+            return value
+        storage = self._local(value, equation.origin)
+        self._assign(value, storage, equation.origin.place)
+        return stored(storage)
+
+    def _repeat(self, equation: Equation, given: list[Value]) -> None:
+        """Lower a loop of fixed length: what it carries lies in variables, what it collects in arrays."""
+        turns: Turns = equation.params["turns"]
+        body, origin = turns.body, equation.origin
+        variable = "turn" if not self.depth else f"turn_{self.depth + 1}"
+        row = Index(turns.length - 1, variable, -1) if turns.is_reversed else Index(0, variable)
+        known = dict(self.known)
+        outside = zip(equation.inputs[len(body.inputs) :], given[len(body.inputs) :], strict=True)
+        known |= {id(atom): self._whole(value, equation) for atom, value in outside}
+        rows = zip(body.inputs[turns.carried :], given[turns.carried : len(body.inputs)], strict=True)
+        for symbol, value in rows:
+            known[id(symbol)] = _row_of(self._whole(value, equation), row, symbol.shape)
+        held, following = [], []
+        for n, symbol in enumerate(body.inputs[: turns.carried]):
+            storage = self._carried(equation.outputs[n], n, origin)
+            self._assign(given[n], storage, origin.place)
+            known[id(symbol)] = self.known[id(equation.outputs[n])] = stored(storage)
+            held.append(storage)
+            following.append(Storage(f"following {self.depth} {n}", (), symbol.shape, storage.type, "result"))
+        code = Code(tables=self.code.tables)
+        inner = Lowering(body, known, code, dict(enumerate(following)), self.depth + 1)
+        inner.run()
+        collected = []
+        for n, symbol in enumerate(equation.outputs[turns.carried :], turns.carried):
+            storage = self._carried(symbol, n, origin)
+            value = inner._whole(inner.value(body.outputs[n]), equation)
+            indices, loops = loops_over(value.shape)
+            code.statements.append(Assign(storage, (row, *indices), value.at(indices), loops, place=origin.place))
+            self.known[id(symbol)] = stored(storage)
+            collected.append(storage)
+        settle(code, list(zip(held, following, strict=True)))
+        loop = (variable, 0, turns.length)
+        self.code.statements.append(Repeat(loop, code.statements, origin.place, collected))
+
+    def _carried(self, symbol: Symbol, n: int, origin: Origin) -> Storage:
+        """Return a variable that outlives the turns of a loop, named as the source does where it names each."""
+        name = origin.names[n] if len(origin.names) > n else origin.name
+        return Storage(name, (), symbol.shape, type_of(symbol.dtype), "carried", f"carried {origin.statement}")
+
     def _contract(self, equation: Equation, given: list[Value]) -> Value:
         left, right = (self._whole(value, equation) for value in given)
         (left_axes, right_axes), batch_axes = equation.params["dimension_numbers"]
@@ -222,19 +310,21 @@ class Lowering:
         sums: tuple[Loop, ...],
         combine: str,
     ) -> Value:
-        symbol = equation.outputs[0]
-        local = Storage(
-            equation.origin.name, (), symbol.shape, type_of(symbol.dtype), "local", equation.origin.statement
-        )
-        storage = self.targets.get(id(symbol)) or local
+        storage = self._place_of(equation)
         self.code.statements.append(
             Assign(storage, outer, expression, loops, sums, combine, equation.origin.place)
         )
         return stored(storage)
 
+    def _place_of(self, equation: Equation) -> Storage:
+        """Return where the result of an equation goes."""
+        symbol, origin = equation.outputs[0], equation.origin
+        local = Storage(origin.name, (), symbol.shape, type_of(symbol.dtype), "local", origin.statement)
+        return self.targets.get(id(symbol)) or local
+
     def _constant(self, array: np.ndarray) -> Value:
         kind = type_of(array.dtype)
-        if array.size == 1 or (array.size and np.all(array == array.flat[0])):
+        if array.size and np.array_equal(array, np.full_like(array, array.flat[0]), equal_nan=kind == "real"):
             number = Number(float(array.flat[0]), kind)
             return Value(array.shape, kind, lambda _: number)
         if array.ndim == 1 and np.count_nonzero(array) == 1 and kind == "real":
@@ -242,7 +332,7 @@ class Lowering:
         storage = self._table(array, kind)
 
         def at(indices: tuple[Index, ...]) -> Expression:
-            if all(index.variable is None for index in indices):
+            if all(index.is_constant for index in indices):
                 return Number(float(array[tuple(index.offset for index in indices)]), kind)
             return Read(storage, indices)
 
@@ -260,9 +350,7 @@ class Lowering:
         """Put a result in its place unless it is there already."""
         indices, _ = loops_over(value.shape)
         expression = value.at(indices) if not value.pieces else None
-        if isinstance(expression, Read) and expression.storage is storage:
-            return
-        if isinstance(expression, Read) and _same_place(expression.storage, storage):
+        if isinstance(expression, Read) and expression.storage.is_same(storage) and expression.indices == indices:
             return
         self._assign(value, storage, "")
 
@@ -273,7 +361,7 @@ def _one_hot(array: np.ndarray) -> Value:
     number = Number(float(array[place]), "real")
 
     def at(indices: tuple[Index, ...]) -> Expression:
-        if indices[0].variable is None:
+        if indices[0].is_constant:
             return number if indices[0].offset == place else Number(0.0, "real")
         is_here = Apply("eq", (Position(indices[0]), Position(Index(int(place)))), "bool")
         return Apply("select", (is_here, number, Number(0.0, "real")), "real")
@@ -281,8 +369,9 @@ def _one_hot(array: np.ndarray) -> Value:
     return Value(array.shape, "real", at)
 
 
-def _same_place(one: Storage, other: Storage) -> bool:
-    return one.name == other.name and one.indices == other.indices
+def _row_of(value: Value, row: Index, shape: tuple[int, ...]) -> Value:
+    """Return one row of an array."""
+    return Value(shape, value.type, lambda indices: value.at((row, *indices)))
 
 
 def settle(code: Code, state: Sequence[tuple[Storage, Storage]]) -> None:
@@ -297,31 +386,43 @@ def settle(code: Code, state: Sequence[tuple[Storage, Storage]]) -> None:
     """
     tail: list[Assign] = []
     for old, new in state:
-        writers = [n for n, s in enumerate(code.statements) if s.target is new]
+        writers = [n for n, s in enumerate(code.statements) if isinstance(s, Assign) and s.target is new]
         if not writers:
             continue
-        last_read = max(
-            (n for n, s in enumerate(code.statements) if any(_same_place(r.storage, old) for r in reads(s.value))),
-            default=-1,
-        )
+        last_read = max((n for n, s in enumerate(code.statements) if _reads(s, old)), default=-1)
         statements = [code.statements[n] for n in writers]
-        in_place = last_read <= writers[-1] and all(_reads_only_here(statement, old) for statement in statements)
+        in_place = last_read <= writers[-1] and all(
+            isinstance(statement, Assign) and _reads_only_here(statement, old) for statement in statements
+        )
         if in_place and len(writers) > 1:
             in_place = last_read <= writers[0] and all(b - a == 1 for a, b in pairwise(writers))
         if in_place:
-            new.name, new.indices, new.role = old.name, old.indices, "state"
+            _redirect(code.statements, new, old)
             continue
-        new.name, new.indices, new.role = f"next_{old.name.rpartition('.')[2]}", (), "local"
-        new.group = f"next {old.name}"
+        base = old.name.rpartition(".")[2]
+        new.name, new.indices, new.role = f"next_{base}", (), "local"
+        new.group = f"next {old.group or old.name}"
         indices, loops = loops_over(old.shape)
         tail.append(Assign(old, indices, Read(new, indices), loops))
     code.statements += tail
 
 
+def _reads(statement: Assign | Repeat, storage: Storage) -> bool:
+    return any(read.storage.is_same(storage) for s in assigns([statement]) for read in reads(s.value))
+
+
+def _redirect(statements: Sequence[Assign | Repeat], new: Storage, old: Storage) -> None:
+    """Write and read the next value where the old one was."""
+    for s in assigns(statements):
+        s.value = rewritten(s.value, lambda r: Read(old, r.indices) if r.storage is new else r)
+        if s.target is new:
+            s.target = old
+
+
 def _reads_only_here(statement: Assign, old: Storage) -> bool:
     """Return whether a statement reads the old value only where it writes, or from lower indices downwards."""
     for read in reads(statement.value):
-        if not _same_place(read.storage, old):
+        if not read.storage.is_same(old):
             continue
         if statement.inner or not statement.loops:
             if read.indices != statement.indices:
@@ -330,7 +431,7 @@ def _reads_only_here(statement: Assign, old: Storage) -> bool:
         shifts = [
             target.offset - source.offset
             for target, source in zip(statement.indices, read.indices, strict=True)
-            if (target.variable, target.scale) == (source.variable, source.scale)
+            if (target.variable, target.scale, target.chosen) == (source.variable, source.scale, source.chosen)
         ]
         if len(shifts) != len(statement.indices) or any(shift != 0 for shift in shifts[1:]) or shifts[0] < 0:
             return False

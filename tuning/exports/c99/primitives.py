@@ -9,6 +9,8 @@ import jax
 import numpy as np
 
 from tuning.exports.c99.expressions import Apply, Expression, Index, Indices, Number, Position, Type
+from tuning.exports.c99.lookups import dynamic_slice, dynamic_update_slice, gathered
+from tuning.exports.c99.reshaping import reshaped
 from tuning.exports.c99.values import ZERO, Piece, Value, joined
 from tuning.exports.flatten import Equation, Untraceable
 
@@ -19,7 +21,12 @@ UNARY = {
 }  # fmt: skip
 COMPARISONS = {"eq", "ne", "lt", "le", "gt", "ge"}
 LOGIC = {"and", "or", "not", "xor"}
-REDUCTIONS = {"reduce_sum": "sum", "reduce_max": "max", "reduce_min": "min"}
+REDUCTIONS = {
+    "reduce_sum": "sum", "reduce_prod": "product", "reduce_max": "max", "reduce_min": "min", "reduce_and": "and",
+    "reduce_or": "or",
+}  # fmt: skip
+EXTREMES = {"argmax": "gt", "argmin": "lt"}
+_VIEWS = frozenset({"concatenate", "stack", "slice", "unstack", "split", "squeeze"})
 _BIGGEST_POWER = 16
 
 
@@ -33,6 +40,15 @@ def type_of(dtype: np.dtype) -> Type:
     if dtype.kind not in kinds:
         raise Untraceable(f"values of type {dtype} have no counterpart in the generated code")
     return kinds[dtype.kind]
+
+
+def is_view(equation: Equation) -> bool:
+    """Return whether an operation may look into the pieces of an array, at constant places only."""
+    if equation.primitive == "reshape":
+        shapes = (equation.inputs[0].shape, equation.outputs[0].shape)
+        one, other = ([n for n in shape if n > 1] for shape in shapes)
+        return one == other
+    return equation.primitive in _VIEWS
 
 
 def lower(equation: Equation, given: list[Value]) -> list[Value]:
@@ -149,19 +165,6 @@ def _slice(equation: Equation, given: list[Value], kind: Type) -> list[Value]:
     return [Value(equation.outputs[0].shape, kind, at)]
 
 
-def _reshape(equation: Equation, given: list[Value], kind: Type) -> list[Value]:
-    """Look at the same numbers in another shape; only dimensions of length one may come and go."""
-    (one,), shape = given, equation.outputs[0].shape
-    if [n for n in one.shape if n > 1] != [n for n in shape if n > 1]:
-        raise Untraceable(f"reshaping {one.shape} to {shape} ({equation.origin.place}) is not a view of the array")
-
-    def at(i: Indices) -> Expression:
-        long = iter([index for index, n in zip(i, shape, strict=True) if n > 1])
-        return one.at(tuple(next(long) if n > 1 else ZERO for n in one.shape))
-
-    return [Value(shape, kind, at)]
-
-
 def _transpose(equation: Equation, given: list[Value], kind: Type) -> list[Value]:
     (one,), order = given, equation.params["permutation"]
 
@@ -212,6 +215,21 @@ def _unstack(equation: Equation, given: list[Value], kind: Type) -> list[Value]:
     return [layer(n) for n in range(len(equation.outputs))]
 
 
+def _split(equation: Equation, given: list[Value], kind: Type) -> list[Value]:
+    (one,), axis = given, equation.params["axis"]
+    starts = np.cumsum([0, *equation.params["sizes"]])
+
+    def part(n: int) -> Value:
+        start = int(starts[n])
+        return Value(
+            equation.outputs[n].shape,
+            kind,
+            lambda i: one.at((*i[:axis], i[axis].shifted(start), *i[axis + 1 :])),
+        )
+
+    return [part(n) for n in range(len(equation.outputs))]
+
+
 _OTHERS: dict[str, Callable[[Any, Any, Any], list[Value]]] = {
     "once": _once,
     "element": _once,
@@ -223,12 +241,16 @@ _OTHERS: dict[str, Callable[[Any, Any, Any], list[Value]]] = {
     "iota": _iota,
     "broadcast_in_dim": _broadcast,
     "slice": _slice,
-    "squeeze": _reshape,
-    "reshape": _reshape,
-    "expand_dims": _reshape,
+    "squeeze": reshaped,
+    "reshape": reshaped,
+    "expand_dims": reshaped,
     "transpose": _transpose,
     "rev": _rev,
     "concatenate": _concatenate,
     "stack": _stack,
     "unstack": _unstack,
+    "split": _split,
+    "gather": gathered,
+    "dynamic_slice": dynamic_slice,
+    "dynamic_update_slice": dynamic_update_slice,
 }

@@ -31,6 +31,7 @@ _INFIX = {
     "and": ("&&", 5), "or": ("||", 4), "xor": ("!=", 9),
 }  # fmt: skip
 _ATOM, _UNARY, _SUM, _BOTH, _CHOICE = 20, 14, 11, 6, 3
+_LESSER = {"max": ">", "min": "<"}
 _COMPARED = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "xor"})
 FUNCTIONS = {
     "sqrt": "sqrt", "exp": "exp", "expm1": "expm1", "log": "log", "log1p": "log1p", "tanh": "tanh",
@@ -61,7 +62,7 @@ def _with_strength(e: Expression) -> tuple[str, int]:
     if isinstance(e, Number):
         return number(e)
     if isinstance(e, Position):
-        return str(e.index), _ATOM if e.index.variable is None or str(e.index) == e.index.variable else 11
+        return _position(e.index)
     if isinstance(e, Read):
         return place(e.storage, e.full[len(e.storage.indices) :]), _ATOM
     name, arguments = e.operation, e.arguments
@@ -93,6 +94,9 @@ def _with_strength(e: Expression) -> tuple[str, int]:
     if e.type == "int" and name == "sign":
         text = expression(arguments[0], _ATOM)
         return f"({text} > 0) - ({text} < 0)", 11
+    if e.type == "int" and name in _LESSER:
+        left, right = (expression(a, _SUM) for a in arguments)
+        return f"{left} {_LESSER[name]} {right} ? {left} : {right}", _CHOICE
     return f"r_{short(FUNCTIONS.get(name, name))}({inner})", _ATOM
 
 
@@ -134,7 +138,24 @@ def decimal(value: float) -> str:
 
 def place(storage: Storage, indices: tuple[Index, ...]) -> str:
     """Return the text of a place."""
-    return storage.name + "".join(f"[{index}]" for index in (*storage.indices, *indices))
+    return storage.name + "".join(f"[{_position(index)[0]}]" for index in (*storage.indices, *indices))
+
+
+def _position(index: Index) -> tuple[str, int]:
+    """Return the text of an index and how tightly it binds."""
+    terms: list[tuple[str, int]] = []
+    if index.variable is not None:
+        terms.append((index.variable, _ATOM) if index.scale == 1 else (f"{index.scale} * {index.variable}", 12))
+    if index.chosen is not None:
+        terms.append(_with_strength(index.chosen))
+    if not terms:
+        return str(index.offset), _ATOM if index.offset >= 0 else _UNARY
+    if len(terms) == 1 and not index.offset:
+        return terms[0]
+    text = " + ".join(f"({text})" if own < _SUM else text for text, own in terms)
+    if index.offset:
+        text = f"{text} {'+' if index.offset > 0 else '-'} {abs(index.offset)}"
+    return text, _SUM
 
 
 def statement(s: Assign, *, declare: bool) -> list[str]:
@@ -170,18 +191,34 @@ def _assignment(target: str, value: Expression) -> str:
     return f"{target} = {expression(value)}"
 
 
+_STARTS = {
+    "sum": "R(0.0)", "product": "R(1.0)", "max": "-(real)INFINITY", "min": "(real)INFINITY", "and": "true",
+    "or": "false", "place": "0",
+}  # fmt: skip
+"""What an accumulation begins with."""
+
+
 def _accumulation(s: Assign, target: str, pad: str, declare: bool) -> list[str]:
-    start = {"sum": "R(0.0)", "max": "-(real)INFINITY", "min": "(real)INFINITY"}[s.combine]
+    start = "0" if s.combine == "sum" and s.target.type == "int" else _STARTS[s.combine]
     typed = f"{s.target.type} " if declare else ""
     lines, depth = [f"{pad}{typed}{target} = {start};"], 0
     for variable, first, end in s.inner:
         lines.append(f"{pad}{'    ' * depth}for (int {variable} = {first}; {variable} < {end}; ++{variable}) {{")
         depth += 1
     inner = pad + "    " * depth
-    value = expression(s.value)
-    combined = f"{target} += {value};" if s.combine == "sum" else f"{target} = r_{s.combine}({target}, {value});"
-    lines += wrapped(inner + combined)
+    lines += wrapped(inner + _combined(s, target))
     return lines + [pad + "    " * n + "}" for n in reversed(range(depth))]
+
+
+def _combined(s: Assign, target: str) -> str:
+    if s.combine in {"sum", "product"}:
+        return f"{target} {'+' if s.combine == 'sum' else '*'}= {expression(s.value)};"
+    if s.combine in {"and", "or"}:
+        sign, strength = _INFIX[s.combine]
+        return f"{target} = {target} {sign} {expression(s.value, max(strength, _BOTH))};"
+    if s.combine == "place":
+        return f"{target} = {expression(s.value)};"
+    return f"{target} = r_{s.combine}({target}, {expression(s.value)});"
 
 
 def sums(body: Sequence[Assign], loop: Loop, declare: Sequence[bool]) -> list[str]:

@@ -30,9 +30,13 @@ _FEWEST_TERMS = 4
 _VARIABLES = "klmnij"
 
 
-def roll(statements: Sequence[Assign]) -> list[Assign]:
-    """Return the statements with every run of like ones as a loop, and every long sum of like terms as one."""
-    taken = {statement.target.name for statement in statements}
+def roll(statements: Sequence[Assign], taken: set[str]) -> list[Assign]:
+    """Return the statements with every run of like ones as a loop, and every long sum of like terms as one.
+
+    Args:
+        statements: in order.
+        taken: names that are in use; those of new variables are added.
+    """
     statements = [summed for statement in statements for summed in _with_sums(statement, taken)]
     rolled, at = [], 0
     while at < len(statements):
@@ -102,7 +106,7 @@ def _compare_indices(one: Indices, other: Indices, steps: list[int]) -> bool:
     if len(one) != len(other):
         return False
     for a, b in zip(one, other, strict=True):
-        if a.variable != b.variable or (a.variable is not None and a != b):
+        if a != b and not (a.is_constant and b.is_constant):
             return False
         steps.append(b.offset - a.offset)
     return True

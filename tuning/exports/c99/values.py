@@ -53,7 +53,7 @@ def joined(shape: tuple[int, ...], kind: Type, pieces: tuple[Piece, ...]) -> Val
     def at(indices: Indices) -> Expression:
         axis = pieces[0].axis
         index = indices[axis]
-        if index.variable is not None:
+        if not index.is_constant:
             raise LookupError("a loop reads across the pieces of an array that is not stored")
         piece = max((p for p in pieces if p.start <= index.offset), key=lambda p: p.start)
         inner = (*indices[:axis], index.shifted(-piece.start), *indices[axis + 1 :])

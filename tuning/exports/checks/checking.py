@@ -49,6 +49,38 @@ def read_golden(path: Path = HERE / "golden.csv") -> Golden:
     return Golden(time, columns, outputs)
 
 
+def as_arrays(columns: Mapping[str, Sequence[float]], signals: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the arrays of signals, `(time, ...)`, from columns of their numbers; needs numpy.
+
+    Args:
+        columns: by the numbers' names, e.g. ``stiffness[0][2]``.
+        signals: name and shape, as in the manifest.
+    """
+    import numpy as np
+
+    arrays = {}
+    for signal in signals:
+        names = [signal["name"] + _index(index) for index in np.ndindex(*signal["shape"])]
+        arrays[signal["name"]] = np.stack([columns[name] for name in names], axis=-1).reshape(-1, *signal["shape"])
+    return arrays
+
+
+def as_columns(arrays: Mapping[str, Any]) -> dict[str, list[float]]:
+    """Return every number of some arrays, `(time, ...)`, by its name; needs numpy."""
+    import numpy as np
+
+    columns = {}
+    for name, array in arrays.items():
+        values = np.asarray(array, float)
+        for index in np.ndindex(*values.shape[1:]):
+            columns[name + _index(index)] = values[(slice(None), *index)].tolist()
+    return columns
+
+
+def _index(index: Iterable[int]) -> str:
+    return "".join(f"[{i}]" for i in index)
+
+
 def deviation(answers: Sequence[float], recorded: Sequence[float]) -> float:
     """Return the largest |answer − recorded| / max(|recorded|, typical magnitude), the median one."""
     if len(answers) != len(recorded):

@@ -30,10 +30,11 @@ def schema() -> Result:
 
 def read_back() -> Result:
     """See that what is read is what was exported."""
-    from tuning.study import parse_config, resolved, study_hash
+    from tuning.exports.configs import parse_exportable
+    from tuning.study import resolved, study_hash
 
     found = tables()
-    config = parse_config(found, FILE.name)
+    config = parse_exportable(found, FILE.name)
     equal = resolved(config) == found and study_hash(config) == MANIFEST["study_hash"]
     return Result("read back", "passed" if equal else "failed", "equal" if equal else "what was read back DIFFERS")
 
@@ -45,14 +46,14 @@ def replay() -> Result:
     start_jax()
     import numpy as np
 
+    from tuning.exports.configs import parse_exportable
     from tuning.exports.deployables import deployable_of
-    from tuning.exports.golden import answers
-    from tuning.study import parse_config
+    from tuning.exports.golden import answers, assembled
 
-    deployable = deployable_of(parse_config(tables(), FILE.name), FILE.name)
+    deployable = deployable_of(parse_exportable(tables(), FILE.name), FILE.name)
     golden = read_golden()
     program = deployable.program()
-    signals = {name: np.asarray(values) for name, values in golden.inputs.items() if name != "dt"}
+    signals = assembled(program.inputs, golden.inputs)
     _, got = answers(deployable.module, program, np.asarray(golden.time), signals)
     return compare(
         "replay", "the step of jax", {k: v.astype(float).tolist() for k, v in got.items()}, golden.outputs

@@ -8,7 +8,7 @@ from typing import Any
 from checking import HERE, TOLERANCE, Result, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
 
 MANIFEST = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))
-FIRST = MANIFEST["outputs"][0]["name"]
+FIRST = MANIFEST["outputs"][0]["name"] + "[0]" * len(MANIFEST["outputs"][0]["shape"])
 FMU = str(HERE / MANIFEST["files"][0])
 
 
@@ -29,12 +29,15 @@ def replay() -> Result:
     description: Any = fmpy.read_model_description(FMU)
     folder = fmpy.extract(FMU)
     is_third = description.fmiVersion.startswith("3")
-    by_name = {variable.name: variable for variable in description.modelVariables}
+    # The standard has one pair of brackets for all indices.
+    by_name = {variable.name.replace(",", "]["): variable for variable in description.modelVariables}
     golden = read_golden()
     signals = [name for name in golden.inputs if name != "dt"]
     inputs = [by_name[name].valueReference for name in signals]
-    reals = [name for name in golden.outputs if by_name[f"out.{name}"].type not in {"Boolean"}]
-    booleans = [name for name in golden.outputs if name not in reals]
+    types = {name: by_name[f"out.{name}"].type for name in golden.outputs}
+    booleans = [name for name, kind in types.items() if kind == "Boolean"]
+    wholes = [name for name, kind in types.items() if kind in {"Integer", "Int32"}]
+    reals = [name for name in types if name not in {*booleans, *wholes}]
     references = {name: by_name[f"out.{name}"].valueReference for name in golden.outputs}
     answers: dict[str, list[float]] = {name: [] for name in golden.outputs}
     kind: Any = FMU3Slave if is_third else FMU2Slave
@@ -53,14 +56,16 @@ def replay() -> Result:
             fmu.enterInitializationMode()
         fmu.exitInitializationMode()
         set_real, get_real = (fmu.setFloat64, fmu.getFloat64) if is_third else (fmu.setReal, fmu.getReal)
+        get_whole = fmu.getInt32 if is_third else fmu.getInteger
         steps = [b - a for a, b in zip(golden.time, golden.time[1:], strict=False)]
         for k, time in enumerate(golden.time):
             set_real(inputs, [golden.inputs[name][k] for name in signals])
             fmu.doStep(currentCommunicationPoint=time, communicationStepSize=steps[min(k, len(steps) - 1)])
             for name, value in zip(reals, get_real([references[n] for n in reals]), strict=True):
                 answers[name].append(value)
-            for name, value in zip(booleans, fmu.getBoolean([references[n] for n in booleans]), strict=True):
-                answers[name].append(float(value))
+            for names, get in ((booleans, fmu.getBoolean), (wholes, get_whole)):
+                for name, value in zip(names, get([references[n] for n in names]) if names else (), strict=True):
+                    answers[name].append(float(value))
         fmu.terminate()
     finally:
         fmu.freeInstance()
@@ -81,10 +86,11 @@ def simulation() -> Result:
             "simulation", "skipped", "the golden recording is irregular; simulate_fmu takes one step size"
         )
     names = [name for name in golden.inputs if name != "dt"]
-    signals = np.zeros(len(time), dtype=[("time", float), *((name, float) for name in names)])
+    fields = {name: name.replace("][", ",") for name in names}
+    signals = np.zeros(len(time), dtype=[("time", float), *((field, float) for field in fields.values())])
     signals["time"] = time
-    for name in names:
-        signals[name] = golden.inputs[name]
+    for name, field in fields.items():
+        signals[field] = golden.inputs[name]
     found: Any = fmpy.simulate_fmu(
         FMU,
         start_time=float(time[0]),

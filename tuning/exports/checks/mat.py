@@ -4,7 +4,7 @@ import json
 import re
 from typing import Any
 
-from checking import HERE, Result, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
+from checking import HERE, Result, as_columns, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
 
 MANIFEST = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))
 
@@ -39,15 +39,12 @@ def parameters() -> Result:
 
 def recording() -> Result:
     """Compare the recording with golden.csv."""
-    import numpy as np
-
     golden, found = read_golden(), load()["golden"]
     recorded = {"time": golden.time, **{f"in.{k}": v for k, v in golden.inputs.items()}, **golden.outputs}
-    answers = {"time": found["time"], **{f"in.{k}": find(found["inputs"], k) for k in golden.inputs}}
-    answers |= {name: find(found["outputs"], name) for name in golden.outputs}
-    return compare(
-        "recording", "read back", {k: np.asarray(v, float).tolist() for k, v in answers.items()}, recorded
-    )
+    answers = {"time": found["time"]}
+    answers |= {f"in.{row['name']}": find(found["inputs"], row["name"]) for row in MANIFEST["inputs"]}
+    answers |= {row["name"]: find(found["outputs"], row["name"]) for row in MANIFEST["outputs"]}
+    return compare("recording", "read back", as_columns(answers), recorded)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import platform
 import sys
 from typing import Any
 
-from checking import HERE, Result, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
+from checking import HERE, Result, as_arrays, as_columns, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
 
 if platform.machine().lower() in {"x86_64", "amd64"}:
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_max_isa=AVX"
@@ -30,9 +30,10 @@ def given() -> Any:
 
     values = json.loads((HERE / "parameters.json").read_text(encoding="utf-8"))
     golden = read_golden()
+    inputs = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))["inputs"]
     return (
         {name: jnp.asarray(value, float) for name, value in values.items()},
-        {name: jnp.asarray(column) for name, column in golden.inputs.items()},
+        {name: jnp.asarray(array) for name, array in as_arrays(golden.inputs, inputs).items()},
         golden,
     )
 
@@ -40,7 +41,6 @@ def given() -> Any:
 def step() -> Result:
     """Run the step, sample after sample."""
     import jax
-    import numpy as np
 
     initialise, advance = load("init"), load("step")
     parameters, samples, golden = given()
@@ -53,18 +53,16 @@ def step() -> Result:
         state: Any = initialise(parameters, {name: values[0] for name, values in samples.items()})
         return jax.lax.scan(one, state, samples)[1]
 
-    answers = {k: np.asarray(v, float).tolist() for k, v in run(parameters, samples).items()}
-    return compare("step", "init and step", answers, golden.outputs)
+    return compare("step", "init and step", as_columns(run(parameters, samples)), golden.outputs)
 
 
 def scan() -> Result:
     """Run the batched scan over two lanes."""
     import jax.numpy as jnp
-    import numpy as np
 
     parameters, samples, golden = given()
     answers: Any = load("scan")(parameters, {name: jnp.stack([v, v]) for name, v in samples.items()})
-    second = {name: np.asarray(values[1], float).tolist() for name, values in answers.items()}
+    second = as_columns({name: values[1] for name, values in answers.items()})
     return compare("scan", "two lanes", second, golden.outputs)
 
 

@@ -24,6 +24,7 @@ _NOTES = {
 _COMMANDS = {
     "estimator": "vsajax estimate LOG -c estimator.toml -o estimate.parquet",
     "controller": "vsajax simulate controller.toml -o swing.parquet",
+    "designer": "vsajax stiffness designer.toml",
 }
 
 
@@ -35,6 +36,7 @@ def write_config(subject: Subject, form: str) -> Artefact:
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     text = to_toml(tables) if form == "toml" else _json(tables)
     files: dict[str, str | bytes] = {f"{noun}.{form}": text, "schema.json": _json(schema)}
+    files |= subject.deployable.companions
     return Artefact(files, "config", _USAGE.format(command=_COMMANDS[noun], note=_NOTES[form]))
 
 

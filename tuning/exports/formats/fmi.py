@@ -25,7 +25,7 @@ from tuning.exports.c99.printing import decimal
 from tuning.exports.flatten import Untraceable
 from tuning.exports.layout import dotted
 from tuning.exports.program import Slot
-from tuning.exports.ranges import Range, range_of
+from tuning.exports.ranges import Range
 from tuning.exports.rendering import render
 from tuning.exports.units import base_units
 
@@ -33,6 +33,7 @@ _HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
+_TYPES = {"real": "REAL", "bool": "BOOLEAN", "int": "INTEGER"}
 _FLAGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-O2", "-fPIC", "-shared", "-fvisibility=hidden"]
 _USAGE = """```python
 from fmpy import simulate_fmu
@@ -65,6 +66,7 @@ def write_fmi(subject: Subject, version: int) -> Artefact:
         "token": token,
         "version": metadata.version("vsajax"),
         "variables": variables,
+        "has_clock": "dt" in program.inputs.names,
         "units": {v["unit"]: base_units(v["unit"]) for v in variables if v["unit"]},
         "start": decimal(float(subject.golden.time[0])),
         "stop": decimal(float(subject.golden.time[-1])),
@@ -104,7 +106,7 @@ def _variables(subject: Subject) -> list[dict[str, Any]]:
         *_rows(program.outputs, "out", "OUTPUT", "out.", start=lambda _: None),
     ]
     for (path, leaf), value in zip(program.parameters.places, program.defaults, strict=True):
-        limits = range_of(subject.deployable.parts, path)
+        limits = subject.deployable.range(path)
         one = Slot(program.parameters.layout, [(path, leaf)], None)
         rows += _rows(
             one, "params", "PARAMETER", "", start=lambda index, value=value: float(value[index]), limits=limits
@@ -131,8 +133,8 @@ def _rows(slot: Slot, root: str, role: str, prefix: str, *, start: Any, limits: 
             bounds = {} if limits is None else {"min": limits.low, "max": limits.high}
             rows.append(
                 {
-                    "name": f"{prefix}{dotted(whole)}",
-                    "type": "BOOLEAN" if leaf.kind == "bool" else "REAL",
+                    "name": f"{prefix}{dotted(whole)}".replace("][", ","),
+                    "type": _TYPES[leaf.kind],
                     "role": role,
                     "place": f"{root}.{member(whole)}",
                     "unit": leaf.unit if base_units(leaf.unit) is not None else "",

@@ -9,14 +9,16 @@ import numpy as np
 from scipy import io as scipy_io
 
 from tuning.exports.artefact import Artefact, Subject
-from tuning.exports.layout import Path
+from tuning.exports.golden import Columns, assembled
+from tuning.exports.layout import Path, dotted
+from tuning.exports.program import Slot
 from tuning.study import resolved
 
 _USAGE = """```matlab
 s = load('{name}.mat');
 s.parameters              % the tunable numbers, SI
 s.config                  % the whole configuration
-plot(s.golden.time, s.golden.outputs.stiffness)
+plot(s.golden.time, s.golden.outputs.{first})
 ```
 
 `s.golden` holds the golden recording: `time`, `inputs`, `outputs`; MATLAB counts from one, so `sides[0]` is
@@ -31,18 +33,21 @@ def write_mat(subject: Subject) -> Artefact:
         "config": resolved(subject.deployable.config),
         "golden": {
             "time": golden.time,
-            "inputs": _signals(program.inputs.places, golden.inputs.values()),
-            "outputs": _signals(program.outputs.places, golden.outputs.values()),
+            "inputs": _signals(program.inputs, golden.inputs),
+            "outputs": _signals(program.outputs, golden.outputs),
         },
         "about": {"banner": subject.banner, "study_hash": subject.identity, "units": "SI: rad, s, N·m, N·m/rad"},
     }
     buffer = io.BytesIO()
     scipy_io.savemat(buffer, plain(contents), long_field_names=True, do_compression=True, oned_as="column")
-    return Artefact({f"{program.name}.mat": buffer.getvalue()}, "mat", _USAGE.format(name=program.name))
+    first = program.outputs.names[0]
+    usage = _USAGE.format(name=program.name, first=first)
+    return Artefact({f"{program.name}.mat": buffer.getvalue()}, "mat", usage)
 
 
-def _signals(places: Any, columns: Any) -> dict[str, Any]:
-    return _tree(zip((path for path, _ in places), columns, strict=True))
+def _signals(slot: Slot, columns: Columns) -> dict[str, Any]:
+    arrays = assembled(slot, columns)
+    return _tree((path, arrays[dotted(path)]) for path, _ in slot.places)
 
 
 def _tree(items: Any) -> dict[str, Any]:

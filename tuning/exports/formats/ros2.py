@@ -12,7 +12,7 @@ import vsajax
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.c99.printing import decimal
 from tuning.exports.layout import told
-from tuning.exports.ranges import range_of
+from tuning.exports.ranges import Range
 from tuning.parts.base import Part
 
 _USAGE = """```sh
@@ -49,6 +49,7 @@ def write_ros2(subject: Subject) -> Artefact:
     name = subject.program.name
     parts = subject.deployable.parts
     entries = [entry for root, part in parts.items() for entry in _entries(subject, part, root)]
+    entries += [] if parts else _numbers(subject)
     step = subject.deployable.sample_time
     parameters = _tree({entry.path: entry.value for entry in entries})
     if step is not None:
@@ -70,6 +71,19 @@ def write_ros2(subject: Subject) -> Artefact:
         f"{name}_parameters.yaml": _yaml(subject, {f"{name}_parameters": declarations}),
     }
     return Artefact(files, "ros2", _USAGE.format(name=name), {"ros2": {"parameters": parameters}})
+
+
+def _numbers(subject: Subject) -> Iterator[Entry]:
+    """Yield every tunable number of a module without tables; an array is a list of its numbers, row by row."""
+    program = subject.program
+    for (path, leaf), value in zip(program.parameters.places, program.defaults, strict=True):
+        here = tuple(str(key) for key in path)
+        number = [float(one) for one in value.flat] if value.ndim else float(value)
+        about = f"{leaf.meaning} [{leaf.unit}]" if leaf.unit else leaf.meaning
+        declared = {"type": _type(number), "default_value": number, "description": about or here[-1]}
+        limits = subject.deployable.range(path)
+        validation = {} if value.ndim else _bounds(limits, float)
+        yield Entry(here, number, declared | ({"validation": validation} if validation else {}))
 
 
 def _entries(subject: Subject, part: Part, path: tuple[str, ...]) -> Iterator[Entry]:
@@ -99,13 +113,17 @@ def _declaration(
     if choices and isinstance(value, str):
         validation["one_of<>"] = [choices]
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        limits = range_of(subject.deployable.parts, path)
-        number = type(value)
-        if limits.low is not None:
-            validation["gt<>" if limits.is_low_open else "gt_eq<>"] = [number(limits.low)]
-        if limits.high is not None:
-            validation["lt<>" if limits.is_high_open else "lt_eq<>"] = [number(limits.high)]
+        validation |= _bounds(subject.deployable.range(path), type(value))
     return declared | ({"validation": validation} if validation else {})
+
+
+def _bounds(limits: Range, number: type) -> dict[str, Any]:
+    validation = {}
+    if limits.low is not None:
+        validation["gt<>" if limits.is_low_open else "gt_eq<>"] = [number(limits.low)]
+    if limits.high is not None:
+        validation["lt<>" if limits.is_high_open else "lt_eq<>"] = [number(limits.high)]
+    return validation
 
 
 def _literals(annotation: Any) -> list[Any]:
