@@ -13,12 +13,15 @@ from jaxtyping import Array, Float, Int
 
 from tuning.arm.robots import build_arm
 from tuning.arm.study import ArmStudy, check_joints
-from tuning.errors import InputError
+from tuning.errors import InputError, Mistake
 from vsajax import rollout
 from vsajax.arms import SerialArm, scaled_rows, task_scale
 from vsajax.control import Status, StiffnessBounds, StiffnessDesign, StiffnessDesigner, stiffness_errors
 
 Joints = Float[Array, " joints"]
+
+_ROUNDING = 1e-9
+"""Of degrees turned into radians."""
 
 
 class Outcome(NamedTuple):
@@ -50,10 +53,21 @@ class Outcome(NamedTuple):
 
 
 class ArmProblem(eqx.Module):
-    """The arm, what its hand should be like, and how that is designed."""
+    """The arm, what its hand should be like, and how that is designed.
+
+    Args:
+        arm: kinematics.
+        ranges: of the joints [rad].
+        drawn: where the search of poses draws its targets and starts [rad].
+        desired: K_d in the task's coordinates [N/m].
+        bounds: of the joints' stiffness.
+        designer: both stages.
+        length: at which a rotation counts as a displacement [m].
+    """
 
     arm: SerialArm
     ranges: Float[Array, "joints 2"]
+    drawn: Float[Array, "joints 2"]
     desired: Float[Array, "m m"]
     bounds: StiffnessBounds
     designer: StiffnessDesigner
@@ -89,8 +103,16 @@ class ArmProblem(eqx.Module):
 
     def draw(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return joint positions drawn evenly from the joints' ranges, `(count, joints)` [rad]."""
-        low, high = np.asarray(self.ranges).T
-        return rng.uniform(low, high, (count, self.arm.joints))
+        return _uniform(rng, self.ranges, count)
+
+    def draw_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return joint positions for the search of poses, as `draw` does from `drawn`."""
+        return _uniform(rng, self.drawn, count)
+
+
+def _uniform(rng: np.random.Generator, ranges: Array, count: int) -> np.ndarray:
+    low, high = np.asarray(ranges).T
+    return rng.uniform(low, high, (count, low.size))
 
 
 @eqx.filter_jit
@@ -108,6 +130,8 @@ def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
     """
     arm, ranges = build_arm(study.arm, str(path), path.parent)
     mistakes = check_joints(study, arm.joints, str(path))
+    drawn = np.deg2rad(study.poses.drawn_deg) if study.poses.drawn_deg and not mistakes else ranges
+    mistakes += _check_drawn(drawn, ranges, str(path))
     if mistakes:
         raise InputError(*mistakes)
     every = jnp.ones(arm.joints)
@@ -116,11 +140,22 @@ def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
     return ArmProblem(
         arm,
         jnp.asarray(ranges),
+        jnp.asarray(drawn),
         jnp.asarray(study.task.matrix()) / (scale[:, None] * scale),
         StiffnessBounds(jnp.asarray(study.joints.lower) * every, jnp.asarray(study.joints.upper) * every),
         StiffnessDesigner(controller.max_stiffness, scaling=controller.scaling, clip=controller.clip),
         jnp.asarray(study.task.length),
     )
+
+
+def _check_drawn(drawn: np.ndarray, ranges: np.ndarray, place: str) -> list[Mistake]:
+    mistakes = []
+    for i, (own, whole) in enumerate(zip(drawn, ranges, strict=True)):
+        if own[0] < whole[0] - _ROUNDING or own[1] > whole[1] + _ROUNDING:
+            (low, high), (least, most) = np.rad2deg(own), np.rad2deg(whole)
+            problem = f"joint {i + 1} has {low:g} to {high:g}; its range is {least:g} to {most:g}"
+            mistakes.append(Mistake(f"{place}: poses.drawn_deg", problem, "stay within the range"))
+    return mistakes
 
 
 def pose_of(study: ArmStudy, problem: ArmProblem) -> jax.Array:
