@@ -22,7 +22,7 @@ from tuning.errors import input_error
 from tuning.figures import ESTIMATE, OTHER, TRUTH, new_figure, save
 from tuning.logs.files import write_table
 from vsajax import rollout
-from vsajax.control import hand_compliance, stiffness_errors
+from vsajax.control import stiffness_errors
 
 _FROM_RUN = "run"
 _LEAST = 0.05
@@ -38,7 +38,7 @@ def _hand_errors(
     def one(lane: tuple[Array, Array], shared: Any) -> Array:
         own, (q, error) = eqx.combine(shared, rest), lane
         design = own.design(q)
-        actual = hand_compliance(own.jacobian(q), design.joint_compliance / jnp.maximum(1.0 + error, _LEAST))
+        actual = own.passive(q, design.joint_compliance / jnp.maximum(1.0 + error, _LEAST))
         found = stiffness_errors(design.active + actual, design.desired)
         # What the error itself does, apart from an offset that the design has without it.
         change = stiffness_errors(design.active + actual, design.serial)

@@ -16,7 +16,16 @@ from tuning.arm.study import ArmStudy, check_joints
 from tuning.errors import InputError, Mistake
 from vsajax import rollout
 from vsajax.arms import SerialArm, scaled_rows, task_scale
-from vsajax.control import Status, StiffnessBounds, StiffnessDesign, StiffnessDesigner, stiffness_errors
+from vsajax.control import (
+    Status,
+    StiffnessBounds,
+    StiffnessDesign,
+    StiffnessDesigner,
+    design_loaded,
+    hand_compliance,
+    loaded_compliance,
+    stiffness_errors,
+)
 
 Joints = Float[Array, " joints"]
 
@@ -63,6 +72,7 @@ class ArmProblem(eqx.Module):
         bounds: of the joints' stiffness.
         designer: both stages.
         length: at which a rotation counts as a displacement [m].
+        load: on the hand, or `None` [N].
     """
 
     arm: SerialArm
@@ -72,6 +82,7 @@ class ArmProblem(eqx.Module):
     bounds: StiffnessBounds
     designer: StiffnessDesigner
     length: Float[Array, ""]
+    load: Float[Array, "3"] | None = None
 
     def jacobian(self, positions: Joints) -> Float[Array, "m joints"]:
         """Return J in the task's coordinates, rotations scaled to displacements."""
@@ -79,8 +90,22 @@ class ArmProblem(eqx.Module):
         return whole[: self.desired.shape[0]]
 
     def design(self, positions: Joints) -> StiffnessDesign:
-        """Return joints and controller for a pose."""
-        return self.designer.design(self.jacobian(positions), self.desired, self.bounds)
+        """Return joints and controller for a pose, under the load if there is one."""
+        jacobian = self.jacobian(positions)
+        if self.load is None:
+            return self.designer.design(jacobian, self.desired, self.bounds)
+        load = self.arm.load_stiffness(positions, self._wrench())
+        return design_loaded(self.designer, jacobian, self.desired, self.bounds, load)
+
+    def passive(self, positions: Joints, compliance: Joints) -> Float[Array, "m m"]:
+        """Return the hand's compliance by joints of some compliance alone, under the load if there is one."""
+        if self.load is None:
+            return hand_compliance(self.jacobian(positions), compliance)
+        load = self.arm.load_stiffness(positions, self._wrench())
+        return loaded_compliance(self.jacobian(positions), compliance, load)
+
+    def _wrench(self) -> Float[Array, "6"]:
+        return jnp.concatenate([jnp.asarray(self.load), jnp.zeros(3)])
 
     def outcome(self, positions: Joints) -> Outcome:
         """Return what a pose allows."""
@@ -145,6 +170,7 @@ def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
         StiffnessBounds(jnp.asarray(study.joints.lower) * every, jnp.asarray(study.joints.upper) * every),
         StiffnessDesigner(controller.max_stiffness, scaling=controller.scaling, clip=controller.clip),
         jnp.asarray(study.task.length),
+        jnp.asarray(study.task.load) if any(study.task.load) else None,
     )
 
 

@@ -98,11 +98,12 @@ class JointStiffness(Table):
 
 
 class Task(Table):
-    """What the hand should be like."""
+    """What the hand should be like, and the force that pulls at it [N]."""
 
     space: Literal["position", "pose"] = "position"
     stiffness: list[float] | list[list[float]]
     length: Positive = 0.3
+    load: Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
 
     @property
     def size(self) -> int:

@@ -14,6 +14,7 @@ from vsajax.control.designer import (
 from vsajax.control.enumeration import Enumeration
 from vsajax.control.impedance import CartesianImpedance
 from vsajax.control.interior_point import InteriorPoint
+from vsajax.control.loaded import design_loaded, loaded_compliance
 from vsajax.control.observers import ObservedController, SwingObserver
 from vsajax.control.passive import (
     PassiveFit,
@@ -66,12 +67,14 @@ __all__ = [
     "SwingObserver",
     "TimeLead",
     "compliance_problem",
+    "design_loaded",
     "eigen",
     "fit_active",
     "fit_passive",
     "hand_compliance",
     "improve_pose",
     "inverse",
+    "loaded_compliance",
     "passive_scale",
     "reach",
     "stiffness_errors",
