@@ -24,10 +24,29 @@ _IN_PLACE = 1e-7
 
 
 def passive_error(problem: ArmProblem, positions: Float[Array, " joints"]) -> Array:
-    """Return the relative error of the best passive compliance at a pose: what a search makes small."""
-    desired, jacobian = inverse(problem.desired), problem.jacobian(positions)
-    fit = fit_passive(jacobian, desired, problem.bounds, problem.designer.solver)
-    return stiffness_errors(hand_compliance(jacobian, fit.compliance), desired).compliance
+    """Return the relative error of the best passive compliance at a pose: what a search makes small.
+
+    Under a load it is the error that the load leaves of the fit without it.
+    """
+    compliance = _fitted(problem, problem.jacobian(positions))
+    return stiffness_errors(problem.passive(positions, compliance), inverse(problem.desired)).compliance
+
+
+def _fitted(problem: ArmProblem, jacobian: Float[Array, "m joints"]) -> Float[Array, " joints"]:
+    return fit_passive(jacobian, inverse(problem.desired), problem.bounds, problem.designer.solver).compliance
+
+
+@eqx.filter_jit
+def passive_errors(problem: ArmProblem, jacobians: Float[Array, "lanes m joints"]) -> Float[Array, " lanes"]:
+    """Return the error of the best passive compliance for many Jacobians, however they came about; no load."""
+    arrays, rest = eqx.partition(problem, eqx.is_array)
+
+    def one(jacobian: Float[Array, "m joints"], shared: Any) -> Array:
+        own = eqx.combine(shared, rest)
+        found = hand_compliance(jacobian, _fitted(own, jacobian))
+        return stiffness_errors(found, inverse(own.desired)).compliance
+
+    return rollout.map_lanes(one, jacobians, arrays)
 
 
 @eqx.filter_jit

@@ -1,9 +1,9 @@
 """Every pose of a seven-joint arm that has its hand at a place, in closed form: the oracle of the search of poses.
 
 For arms with spherical shoulder and wrist and the hand on the last axis, as `lwr-like-7`. Then the last joint does
-not move the hand, and what is left of its self-motion has three dimensions: the direction from the wrist to the hand
-(two) and the turn of the elbow about the line from shoulder to wrist (one). Angles are not needed: the Jacobian's
-columns follow from where shoulder, elbow, wrist and hand are.
+not move the hand, and what is left of its self-motion has three dimensions: the direction from the wrist to the
+hand (two) and the turn of the elbow about the line from shoulder to wrist (one). Angles are not needed: the
+Jacobian's columns follow from where shoulder, elbow, wrist and hand are.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def scan(lengths: Lengths, hand: np.ndarray, bend: float, directions: int, turns
     angles = 2.0 * np.pi * (np.arange(turns) + 0.5) / turns
     around = np.cos(angles)[:, None, None] * across + np.sin(angles)[:, None, None] * np.cross(line, across)
     elbow = shoulder + (along[:, None] * line + aside[:, None] * around)
-    points = [np.broadcast_to(p, elbow.shape).reshape(-1, 3) for p in (elbow, wrist, approach)]
-    return _jacobians(shoulder, *points, hand, bend)
+    elbow, wrist, approach = (np.broadcast_to(p, elbow.shape).reshape(-1, 3) for p in (elbow, wrist, approach))
+    return _jacobians(shoulder, elbow, wrist, approach, hand, bend)
 
 
 def _jacobians(

@@ -25,9 +25,9 @@ _SYMMETRIC = 1e-9
 _EXACT = 256.0
 """Units of rounding, of ‖C_d‖, that C_a + C_p − C_d may have where the design is exact.
 
-Over 100,000 poses of arms with four and seven joints what was not clipped had at most 10 of them (2.2e-15), and what
-was had at least 4,500 (1e-12): a clipped joint leaves an offset that may be arbitrarily small, which a tolerance
-like 1e-9 takes for none."""
+Over 100,000 poses of arms with four and seven joints what was not clipped had at most 10 of them (2.2e-15), and
+what was had at least 4,500 (1e-12): a clipped joint leaves an offset that may be arbitrarily small, which a
+tolerance like 1e-9 takes for none."""
 _ROUNDING = 1e-9
 
 

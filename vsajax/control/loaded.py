@@ -1,8 +1,8 @@
 """Joint stiffnesses and controller for a hand that bears a load: the outlook of Petit and Albu-Schäffer.
 
 A force F that keeps its value while the arm moves adds H = −∂(JᵀF)/∂q to the joints' stiffness, the second term of
-(1), so that the joints give the hand C_p = J (diag(1/c) + H)⁻¹ Jᵀ instead of (3). At 10 N this changes C_p by a few
-percent, at 50 N by up to a third.
+(1), so that the joints give the hand C_p = J (diag(1/c) + H)⁻¹ Jᵀ instead of (3). At 10 N this changes C_p by a
+few percent, at 50 N by up to a third.
 """
 
 from __future__ import annotations
