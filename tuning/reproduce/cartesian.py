@@ -1,8 +1,8 @@
 """Petit, Albu-Schäffer: Cartesian impedance control for a variable stiffness robot arm.
 
 Table I at the instant t1, from a geometry fitted to the table (lengths and pose are not published), what its other
-instants say, and the closed loop; random poses, better poses and loads are in `cartesian_space`. Corrections to the
-printed equations are listed in `docs/cartesian.md`.
+instants say, and the closed loop; random poses, better poses and loads are in `cartesian_space`. Corrections to
+the printed equations are listed in `docs/cartesian.md`.
 """
 
 from __future__ import annotations
