@@ -110,17 +110,18 @@ class ArmProblem(eqx.Module):
     def outcome(self, positions: Joints) -> Outcome:
         """Return what a pose allows."""
         design = self.design(positions)
-        passive, serial = (stiffness_errors(c, design.desired) for c in (design.passive, design.serial))
+        both = jnp.stack([design.passive, design.serial])
+        errors = jax.vmap(stiffness_errors, (0, None))(both, design.desired)
         # A singular pose is infinitely stiff in some direction: the passive error as a stiffness has no value.
-        passive_stiffness = jnp.where(design.status == Status.SINGULAR, jnp.nan, passive.stiffness)
+        passive_stiffness = jnp.where(design.status == Status.SINGULAR, jnp.nan, errors.stiffness[0])
         return Outcome(
             self.arm.forward(positions).position,
             design.joint_stiffness,
             design.scale,
             passive_stiffness,
-            passive.compliance,
-            serial.stiffness,
-            serial.compliance,
+            errors.compliance[0],
+            errors.stiffness[1],
+            errors.compliance[1],
             jnp.trace(design.passive) / jnp.trace(design.desired),
             design.is_exact,
             design.status,

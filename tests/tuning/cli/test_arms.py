@@ -37,7 +37,9 @@ def test_a_pose_is_designed_or_what_is_wrong_with_it_is_said(vsajax, study):
     assert (found["ok"], found["status"], found["is_exact"]) == (True, "solved", True)
     assert found["held"] == ["lower", "free", "free", "lower"]
     np.testing.assert_allclose(found["serial_stiffness"], np.diag([100.0, 100.0, 300.0]), atol=1e-9)
-    np.testing.assert_allclose(found["joint_stiffness"], [423.267585, 132.111237, 121.456567, 172.959597], rtol=1e-7)
+    np.testing.assert_allclose(
+        found["joint_stiffness"], [423.267585, 132.111237, 121.456567, 172.959597], rtol=1e-7
+    )
     said = vsajax("stiffness", study).out
     assert "the desired stiffness is met exactly; passive compliances × 0.93" in said
 
@@ -60,7 +62,10 @@ def test_every_command_refuses_what_has_no_answer(command, vsajax, study, tmp_pa
         ("task.stiffness=[100.0,-100.0,300.0]", ["task.stiffness: is not positive definite", "above 0"]),
         ("task.stiffness=[100.0,nan,300.0]", ["task.stiffness", "finite"]),
         ("task.stiffness=[100.0,100.0]", ["task.stiffness: got 2 rows; space 'position' needs 3", "diagonal"]),
-        ("task.stiffness=[[1.0,2.0,0.0],[0.0,1.0,0.0],[0.0,0.0,1.0]]", ["not symmetric: row 2 has 0, row 1 has 2"]),
+        (
+            "task.stiffness=[[1.0,2.0,0.0],[0.0,1.0,0.0],[0.0,0.0,1.0]]",
+            ["not symmetric: row 2 has 0, row 1 has 2"],
+        ),
         ("joints.upper=60.0", ["joints: joint 1 has lower 394 above upper 60", "exchange them"]),
         ("joints.lower=[1.0,2.0]", ["joints.lower: got 2 numbers; the arm has 4 joints"]),
         ("joints.upper=inf", ["joints.upper", "finite"]),
@@ -85,7 +90,9 @@ def test_what_only_the_kinematics_know_is_refused_too(vsajax, study):
     drawn = "poses.drawn_deg=[[0.0,10.0],[0.0,10.0],[0.0,10.0],[0.0,170.0]]"
     ended = vsajax("poses", study, "-o", "run", *settings(drawn))
     assert ended.code == 2
-    assert "poses.drawn_deg: joint 4 has 0 to 170; its range is 5 to 145\n    fix: stay within the range" in ended.err
+    assert (
+        "poses.drawn_deg: joint 4 has 0 to 170; its range is 5 to 145\n    fix: stay within the range" in ended.err
+    )
     ended = vsajax("montecarlo", study, "-o", "run", *settings("accuracy.run=nothing"))
     assert ended.code == 2
     assert "accuracy.run: " in ended.err
@@ -100,7 +107,9 @@ def test_an_arm_goes_through_the_whole_pipeline(source, vsajax, study, tmp_path)
         text = study.read_text().replace('preset = "hand-arm-4"', f'urdf = "{PANDA}"\ntip = "panda_hand_tcp"')
         lines = [line for line in text.splitlines() if not line.startswith(("pose_deg", "lower"))]
         text = "\n".join(lines).replace("upper = 500.0", "lower = 50.0\nupper = 500.0")
-        text = text.replace('"position" ', '"pose" ').replace("[100.0, 100.0, 300.0]", "[500.0, 500.0, 500.0, 50.0, 50.0, 50.0]")
+        text = text.replace('"position" ', '"pose" ').replace(
+            "[100.0, 100.0, 300.0]", "[500.0, 500.0, 500.0, 50.0, 50.0, 50.0]"
+        )
         study.write_text(text)
     joints, size = (7, 6) if source == "urdf" else (4, 3)
     assert vsajax("check", study).code == 0
@@ -127,17 +136,21 @@ def test_an_arm_goes_through_the_whole_pipeline(source, vsajax, study, tmp_path)
     assert medians[2] >= medians[3]
     assert better["largest_shift"] < 1e-7
 
-    rows = answer(vsajax("montecarlo", study, "-o", "accuracy", "-n", "200", "--json"))["levels"]
+    rows = answer(vsajax("montecarlo", study, "-o", "accuracy", "--scenarios", "200", "--json"))["levels"]
     changes = [row["stiffness_change_median"] for row in rows]
     assert changes == sorted(changes)
     # Small errors of the joints pass to the hand in proportion: their square is MSREP.
     assert changes[1] / changes[0] == pytest.approx(np.sqrt(10.0), rel=0.02)
     assert [row["failed"] for row in rows] == [0] * len(rows)
 
-    write_table(tmp_path / "robots" / "results.parquet", {"msrep_settled": np.full(5, rows[1]["msrep"])})
+    write_table(tmp_path / "robots" / "results.parquet", {"msrep_settled": [rows[1]["msrep"]] * 5})
     own = settings("accuracy.run=robots", f"accuracy.msrep=[{rows[1]['msrep']}]")
-    level, run = answer(vsajax("montecarlo", study, "-o", "own", "-n", "200", "--json", *own))["levels"]
+    level, run = answer(vsajax("montecarlo", study, "-o", "own", "--scenarios", "200", "--json", *own))["levels"]
     assert run["msrep"] == "run"
     assert run["stiffness_change_median"] == pytest.approx(level["stiffness_change_median"], rel=1e-9)
+    write_table(tmp_path / "robots" / "results.parquet", {"msrep_settled": [np.nan, *[rows[1]["msrep"]] * 4]})
+    lost = answer(vsajax("montecarlo", study, "-o", "own", "--scenarios", "200", "--json", *own))["levels"][1]
+    assert lost["failed"] == pytest.approx(200 * (1 - 0.8**joints), abs=30)
+
     for picture in ("space/workspace.png", "poses/poses.png", "accuracy/accuracy.png"):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")

@@ -28,7 +28,7 @@ PLAIN = jax.jit(lambda j, k, b: StiffnessDesigner().design(j, k, b))
 
 @pytest.mark.analytic
 def test_the_hand_has_the_desired_stiffness_under_the_load(t1):
-    jacobian, stiffness, bounds = t1
+    jacobian, stiffness, _ = t1
     root = np.random.default_rng(0).normal(size=(4, 4))
     load = jnp.asarray(4.0 * (root + root.T))
     design = RUN(*t1, load)
