@@ -53,8 +53,8 @@ def run_accuracy(
     """Return one row a draw: level of MSREP [%], and the relative errors of the hand's stiffness.
 
     The relative error of a joint is drawn normal with the variance MSREP / 100, as MSREP is the mean square of
-    relative errors in %; at the level of a run every joint draws a robot of its own. A robot whose estimate diverged
-    leaves no stiffness to set: its draw has no numbers, and is counted as failed.
+    relative errors in %; at the level of a run every joint draws a robot of its own. A robot whose
+    estimate diverged leaves no stiffness to set: its draw has no numbers, and is counted as failed.
 
     Args:
         study: of the arm.
