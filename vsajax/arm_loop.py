@@ -19,6 +19,7 @@ from vsajax.plants.compliant_arm import ArmMotion, CompliantArm
 from vsajax.types import Scalar
 
 Joints = Float[Array, " joints"]
+Both = Float[Array, " both"]
 Force = Float[Array, "3"]
 Matrix = Float[Array, "3 3"]
 
@@ -31,6 +32,7 @@ the posture, and gravity there. "quasi_static": the links' positions that gravit
 """
 
 _VIEW_STEPS = 6
+_BALANCED = 1e-6
 
 
 class ArmLoop(eqx.Module):
@@ -102,7 +104,8 @@ class Equilibrium(NamedTuple):
     Args:
         link_position: q [rad].
         motor_position: θ [rad].
-        residual: the largest torque that is not balanced [N·m]; large where no equilibrium was found.
+        residual: the largest torque that was not balanced before the last Newton step [N·m]; above 1e-6 no
+            equilibrium was found, and every other number is NaN.
         hand: displacement of the hand from rest [m].
         motor_hand: displacement of the hand that the motors' motion alone would make [m].
         joint_stiffness: the springs' present stiffness [N·m/rad].
@@ -129,44 +132,60 @@ def equilibria(
         loop: from `ArmLoop.at` with the same posture.
         posture: links' positions without a force [rad].
         forces: at the hand [N].
-        iterations: Newton steps a force.
+        iterations: Newton steps a force; the stiffness is that of the last one.
     """
     at_rest = loop.rest(posture)
     start = jnp.concatenate([at_rest.link_position, at_rest.motor_position])
 
-    def hold(positions: Float[Array, " both"], force: Force) -> tuple[Float[Array, " both"], Equilibrium]:
-        def improve(positions: Float[Array, " both"]) -> Float[Array, " both"]:
+    def hold(positions: Both, force: Force) -> tuple[Both, Equilibrium]:
+        def unbalanced(positions: Both) -> tuple[Both, Both]:
             error = loop.unbalanced(positions, force, at_rest)
-            slope = jax.jacfwd(lambda p: loop.unbalanced(p, force, at_rest))(positions)
-            return positions - numerics.solve_square(slope, error[:, None])[:, 0]
+            return error, error
 
-        positions = rollout.repeat(improve, positions, times=iterations)
-        return positions, _describe(loop, positions, force, at_rest)
+        def improve(now: _Newton) -> _Newton:
+            slope, error = jax.jacfwd(unbalanced, has_aux=True)(now.positions)
+            jacobian = loop.plant.arm.position_jacobian(now.positions[: posture.shape[0]])
+            # A force enters by the links' Jᵀ F alone, and moves the arm by the same slope that Newton divides by.
+            pull = jnp.concatenate([jacobian.T, jnp.zeros_like(jacobian.T)])
+            solved = numerics.solve_square(slope, jnp.concatenate([error[:, None], -pull], axis=1))
+            return _Newton(now.positions - solved[:, 0], solved[: posture.shape[0], 1:], jnp.abs(error).max())
+
+        first = _Newton(positions, jnp.zeros((posture.shape[0], 3)), jnp.asarray(jnp.inf))
+        last = rollout.repeat(improve, first, times=iterations)
+        return last.positions, _describe(loop, last, at_rest)
 
     return rollout.scan(hold, start, forces)[1]
 
 
-def _describe(loop: ArmLoop, positions: Float[Array, " both"], force: Force, at_rest: ArmMotion) -> Equilibrium:
-    link, motor = jnp.split(positions, 2)
+class _Newton(NamedTuple):
+    """Positions of links and motors, and of the iterate before them ∂q/∂F and the largest torque unbalanced."""
+
+    positions: Both
+    moved: Float[Array, "joints 3"]
+    residual: Scalar
+
+
+def _describe(loop: ArmLoop, found: _Newton, at_rest: ArmMotion) -> Equilibrium:
+    link, motor = jnp.split(found.positions, 2)
     plant, arm = loop.plant, loop.plant.arm
-    by_positions = jax.jacfwd(lambda p: loop.unbalanced(p, force, at_rest))(positions)
-    by_force = jax.jacfwd(lambda f: loop.unbalanced(positions, f, at_rest))(force)
     jacobian = arm.position_jacobian(link)
-    moved = -numerics.solve_square(by_positions, by_force)[: link.shape[0]]
-    stiffness = numerics.solve_square(jacobian @ moved, jnp.eye(3))
     joint_stiffness = plant.stiffness(link, motor)
     shift = 0.0 if loop.view == "motor" else at_rest.motor_position - at_rest.link_position
-    seen, seen_at_rest = motor - shift, at_rest.motor_position - shift
     passive = hand_compliance(jacobian, 1.0 / joint_stiffness)
+    hands = jax.vmap(lambda q: arm.forward(q).position)(
+        jnp.stack([link, at_rest.link_position, motor - shift, at_rest.motor_position - shift])
+    )
+    # Where Newton did not arrive, nothing is an equilibrium.
+    kept = jnp.where(found.residual < _BALANCED, 1.0, jnp.nan)
     return Equilibrium(
-        link,
-        motor,
-        jnp.abs(loop.unbalanced(positions, force, at_rest)).max(),
-        arm.forward(link).position - arm.forward(at_rest.link_position).position,
-        arm.forward(seen).position - arm.forward(seen_at_rest).position,
-        joint_stiffness,
-        stiffness,
-        inverse(inverse(loop.controller.stiffness) + passive),
+        link * kept,
+        motor * kept,
+        found.residual,
+        (hands[0] - hands[1]) * kept,
+        (hands[2] - hands[3]) * kept,
+        joint_stiffness * kept,
+        numerics.solve_square(jacobian @ found.moved, jnp.eye(3)) * kept,
+        inverse(inverse(loop.controller.stiffness) + passive) * kept,
     )
 
 

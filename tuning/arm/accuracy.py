@@ -22,7 +22,7 @@ from tuning.errors import input_error
 from tuning.figures import ESTIMATE, OTHER, TRUTH, new_figure, save
 from tuning.logs.files import write_table
 from vsajax import rollout
-from vsajax.control import hand_compliance, stiffness_errors
+from vsajax.control import stiffness_errors
 
 _FROM_RUN = "run"
 _LEAST = 0.05
@@ -38,7 +38,7 @@ def _hand_errors(
     def one(lane: tuple[Array, Array], shared: Any) -> Array:
         own, (q, error) = eqx.combine(shared, rest), lane
         design = own.design(q)
-        actual = hand_compliance(own.jacobian(q), design.joint_compliance / jnp.maximum(1.0 + error, _LEAST))
+        actual = own.passive(q, design.joint_compliance / jnp.maximum(1.0 + error, _LEAST))
         found = stiffness_errors(design.active + actual, design.desired)
         # What the error itself does, apart from an offset that the design has without it.
         change = stiffness_errors(design.active + actual, design.serial)
@@ -53,7 +53,8 @@ def run_accuracy(
     """Return one row a draw: level of MSREP [%], and the relative errors of the hand's stiffness.
 
     The relative error of a joint is drawn normal with the variance MSREP / 100, as MSREP is the mean square of
-    relative errors in %; at the level of a run every joint draws a robot of its own.
+    relative errors in %; at the level of a run every joint draws a robot of its own. A robot whose
+    estimate diverged leaves no stiffness to set: its draw has no numbers, and is counted as failed.
 
     Args:
         study: of the arm.
@@ -93,8 +94,8 @@ def _msrep_of_run(folder: Path, place: str) -> np.ndarray:
     except (KeyError, OSError, ValueError) as error:
         problem = f"{file} has no column msrep_settled ({error})"
         raise input_error(place, problem, "name a run of an estimator") from None
-    values = values[np.isfinite(values)]
-    if not values.size:
+    values = np.where(np.isfinite(values), values, np.nan)
+    if np.isnan(values).all():
         raise input_error(place, f"{file} has no finite msrep_settled", "its robots all failed; mend that run")
     return values
 

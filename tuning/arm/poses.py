@@ -24,24 +24,43 @@ _IN_PLACE = 1e-7
 
 
 def passive_error(problem: ArmProblem, positions: Float[Array, " joints"]) -> Array:
-    """Return the relative error of the best passive compliance at a pose: what a search makes small."""
-    desired, jacobian = inverse(problem.desired), problem.jacobian(positions)
-    fit = fit_passive(jacobian, desired, problem.bounds, problem.designer.solver)
-    return stiffness_errors(hand_compliance(jacobian, fit.compliance), desired).compliance
+    """Return the relative error of the best passive compliance at a pose: what a search makes small.
+
+    Under a load it is the error that the load leaves of the fit without it.
+    """
+    compliance = _fitted(problem, problem.jacobian(positions))
+    return stiffness_errors(problem.passive(positions, compliance), inverse(problem.desired)).compliance
+
+
+def _fitted(problem: ArmProblem, jacobian: Float[Array, "m joints"]) -> Float[Array, " joints"]:
+    return fit_passive(jacobian, inverse(problem.desired), problem.bounds, problem.designer.solver).compliance
+
+
+@eqx.filter_jit
+def passive_errors(problem: ArmProblem, jacobians: Float[Array, "lanes m joints"]) -> Float[Array, " lanes"]:
+    """Return the error of the best passive compliance for many Jacobians, however they came about; no load."""
+    arrays, rest = eqx.partition(problem, eqx.is_array)
+
+    def one(jacobian: Float[Array, "m joints"], shared: Any) -> Array:
+        own = eqx.combine(shared, rest)
+        found = hand_compliance(jacobian, _fitted(own, jacobian))
+        return stiffness_errors(found, inverse(own.desired)).compliance
+
+    return rollout.map_lanes(one, jacobians, arrays)
 
 
 @eqx.filter_jit
 def search(
     problem: ArmProblem, starts: Float[Array, "lanes joints"], hands: Float[Array, "lanes 3"], steps: int
-) -> tuple[Array, Array, PoseSearch]:
-    """Return for each lane the start's shift and error, once the hand is in place, and the search."""
+) -> tuple[Array, PoseSearch]:
+    """Return for each lane how far from its place the hand starts [m], and the search."""
     arrays, rest = eqx.partition(problem, eqx.is_array)
 
-    def one(lane: tuple[Array, Array], shared: Any) -> tuple[Array, Array, PoseSearch]:
+    def one(lane: tuple[Array, Array], shared: Any) -> tuple[Array, PoseSearch]:
         own, (start, hand) = eqx.combine(shared, rest), lane
         placed, shift = reach(own.arm, start, hand, own.ranges)
         found = improve_pose(lambda q: passive_error(own, q), own.arm, placed, hand, own.ranges, steps=steps)
-        return shift, passive_error(own, placed), found
+        return shift, found
 
     return rollout.map_lanes(one, (starts, hands), arrays)
 
@@ -51,20 +70,20 @@ def improve_poses(
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return a row a target: the error at its own pose, from it and from the best start, and a summary.
 
-    Targets are the hand's positions at poses drawn from the joints' ranges. The first start of each is that pose;
+    Targets are the hand's positions at poses that are drawn. The first start of each is that pose;
     the others are random and brought to the target; one that does not get there within 1e-7 m counts as no start.
     """
     rng = np.random.default_rng(study.seed)
     began = time.perf_counter()
     targets, starts = study.poses.targets, study.poses.starts
-    own = problem.draw(rng, targets)
+    own = problem.draw_starts(rng, targets)
     hands = np.asarray(eqx.filter_vmap(lambda q: problem.arm.forward(q).position)(jnp.asarray(own)))
     before, after, random, poses, shifts = [], [], [], [], []
     for k in range(starts):
-        first = own if k == 0 else problem.draw(rng, targets)
-        shift, error, found = search(problem, jnp.asarray(first), jnp.asarray(hands), study.poses.steps)
+        first = own if k == 0 else problem.draw_starts(rng, targets)
+        shift, found = search(problem, jnp.asarray(first), jnp.asarray(hands), study.poses.steps)
         counts = (np.asarray(shift) < _IN_PLACE) & np.isfinite(np.asarray(found.value))
-        before.append(np.where(counts, error, np.inf))
+        before.append(np.where(counts, found.initial, np.inf))
         after.append(np.where(counts, found.value, np.inf))
         random.append(counts)
         poses.append(np.asarray(found.positions))

@@ -13,12 +13,24 @@ from jaxtyping import Array, Float, Int
 
 from tuning.arm.robots import build_arm
 from tuning.arm.study import ArmStudy, check_joints
-from tuning.errors import InputError
+from tuning.errors import InputError, Mistake
 from vsajax import rollout
 from vsajax.arms import SerialArm, scaled_rows, task_scale
-from vsajax.control import Status, StiffnessBounds, StiffnessDesign, StiffnessDesigner, stiffness_errors
+from vsajax.control import (
+    Status,
+    StiffnessBounds,
+    StiffnessDesign,
+    StiffnessDesigner,
+    design_loaded,
+    hand_compliance,
+    loaded_compliance,
+    stiffness_errors,
+)
 
 Joints = Float[Array, " joints"]
+
+_ROUNDING = 1e-9
+"""Of degrees turned into radians."""
 
 
 class Outcome(NamedTuple):
@@ -50,14 +62,27 @@ class Outcome(NamedTuple):
 
 
 class ArmProblem(eqx.Module):
-    """The arm, what its hand should be like, and how that is designed."""
+    """The arm, what its hand should be like, and how that is designed.
+
+    Args:
+        arm: kinematics.
+        ranges: of the joints [rad].
+        drawn: where the search of poses draws its targets and starts [rad].
+        desired: K_d in the task's coordinates [N/m].
+        bounds: of the joints' stiffness.
+        designer: both stages.
+        length: at which a rotation counts as a displacement [m].
+        load: on the hand, or `None` [N].
+    """
 
     arm: SerialArm
     ranges: Float[Array, "joints 2"]
+    drawn: Float[Array, "joints 2"]
     desired: Float[Array, "m m"]
     bounds: StiffnessBounds
     designer: StiffnessDesigner
     length: Float[Array, ""]
+    load: Float[Array, "3"] | None = None
 
     def jacobian(self, positions: Joints) -> Float[Array, "m joints"]:
         """Return J in the task's coordinates, rotations scaled to displacements."""
@@ -65,23 +90,38 @@ class ArmProblem(eqx.Module):
         return whole[: self.desired.shape[0]]
 
     def design(self, positions: Joints) -> StiffnessDesign:
-        """Return joints and controller for a pose."""
-        return self.designer.design(self.jacobian(positions), self.desired, self.bounds)
+        """Return joints and controller for a pose, under the load if there is one."""
+        jacobian = self.jacobian(positions)
+        if self.load is None:
+            return self.designer.design(jacobian, self.desired, self.bounds)
+        load = self.arm.load_stiffness(positions, self._wrench())
+        return design_loaded(self.designer, jacobian, self.desired, self.bounds, load)
+
+    def passive(self, positions: Joints, compliance: Joints) -> Float[Array, "m m"]:
+        """Return the hand's compliance by joints of some compliance alone, under the load if there is one."""
+        if self.load is None:
+            return hand_compliance(self.jacobian(positions), compliance)
+        load = self.arm.load_stiffness(positions, self._wrench())
+        return loaded_compliance(self.jacobian(positions), compliance, load)
+
+    def _wrench(self) -> Float[Array, "6"]:
+        return jnp.concatenate([jnp.asarray(self.load), jnp.zeros(3)])
 
     def outcome(self, positions: Joints) -> Outcome:
         """Return what a pose allows."""
         design = self.design(positions)
-        passive, serial = (stiffness_errors(c, design.desired) for c in (design.passive, design.serial))
+        both = jnp.stack([design.passive, design.serial])
+        errors = jax.vmap(stiffness_errors, (0, None))(both, design.desired)
         # A singular pose is infinitely stiff in some direction: the passive error as a stiffness has no value.
-        passive_stiffness = jnp.where(design.status == Status.SINGULAR, jnp.nan, passive.stiffness)
+        passive_stiffness = jnp.where(design.status == Status.SINGULAR, jnp.nan, errors.stiffness[0])
         return Outcome(
             self.arm.forward(positions).position,
             design.joint_stiffness,
             design.scale,
             passive_stiffness,
-            passive.compliance,
-            serial.stiffness,
-            serial.compliance,
+            errors.compliance[0],
+            errors.stiffness[1],
+            errors.compliance[1],
             jnp.trace(design.passive) / jnp.trace(design.desired),
             design.is_exact,
             design.status,
@@ -89,8 +129,16 @@ class ArmProblem(eqx.Module):
 
     def draw(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return joint positions drawn evenly from the joints' ranges, `(count, joints)` [rad]."""
-        low, high = np.asarray(self.ranges).T
-        return rng.uniform(low, high, (count, self.arm.joints))
+        return _uniform(rng, self.ranges, count)
+
+    def draw_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return joint positions for the search of poses, as `draw` does from `drawn`."""
+        return _uniform(rng, self.drawn, count)
+
+
+def _uniform(rng: np.random.Generator, ranges: Array, count: int) -> np.ndarray:
+    low, high = np.asarray(ranges).T
+    return rng.uniform(low, high, (count, low.size))
 
 
 @eqx.filter_jit
@@ -108,6 +156,8 @@ def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
     """
     arm, ranges = build_arm(study.arm, str(path), path.parent)
     mistakes = check_joints(study, arm.joints, str(path))
+    drawn = np.deg2rad(study.poses.drawn_deg) if study.poses.drawn_deg and not mistakes else ranges
+    mistakes += _check_drawn(drawn, ranges, str(path))
     if mistakes:
         raise InputError(*mistakes)
     every = jnp.ones(arm.joints)
@@ -116,11 +166,23 @@ def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
     return ArmProblem(
         arm,
         jnp.asarray(ranges),
+        jnp.asarray(drawn),
         jnp.asarray(study.task.matrix()) / (scale[:, None] * scale),
         StiffnessBounds(jnp.asarray(study.joints.lower) * every, jnp.asarray(study.joints.upper) * every),
         StiffnessDesigner(controller.max_stiffness, scaling=controller.scaling, clip=controller.clip),
         jnp.asarray(study.task.length),
+        jnp.asarray(study.task.load) if any(study.task.load) else None,
     )
+
+
+def _check_drawn(drawn: np.ndarray, ranges: np.ndarray, place: str) -> list[Mistake]:
+    mistakes = []
+    for i, (own, whole) in enumerate(zip(drawn, ranges, strict=True)):
+        if own[0] < whole[0] - _ROUNDING or own[1] > whole[1] + _ROUNDING:
+            (low, high), (least, most) = np.rad2deg(own), np.rad2deg(whole)
+            problem = f"joint {i + 1} has {low:g} to {high:g}; its range is {least:g} to {most:g}"
+            mistakes.append(Mistake(f"{place}: poses.drawn_deg", problem, "stay within the range"))
+    return mistakes
 
 
 def pose_of(study: ArmStudy, problem: ArmProblem) -> jax.Array:

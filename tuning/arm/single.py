@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
 import numpy as np
+from jaxtyping import Array
 
-from tuning.arm.problem import ArmProblem, pose_of
+from tuning.arm.problem import ArmProblem, Outcome, pose_of
 from tuning.arm.study import ArmStudy
 from vsajax.arms import task_scale
-from vsajax.control import Status
+from vsajax.control import Status, StiffnessDesign
 
 _MATRICES = ("passive_stiffness", "active_stiffness", "serial_stiffness")
 _BOUND = {-1: "upper", 0: "free", 1: "lower"}
@@ -71,12 +73,15 @@ class PoseDesign:
         return "\n".join(lines)
 
 
+@eqx.filter_jit
+def _design(problem: ArmProblem, pose: Array) -> tuple[StiffnessDesign, Outcome]:
+    return problem.design(pose), problem.outcome(pose)
+
+
 def design_pose(study: ArmStudy, problem: ArmProblem) -> PoseDesign:
     """Return the design for the study's pose."""
-    import equinox as eqx
-
     pose = pose_of(study, problem)
-    design, outcome = eqx.filter_jit(lambda p, q: (p.design(q), p.outcome(q)))(problem, pose)
+    design, outcome = _design(problem, pose)
     scale = np.asarray(task_scale(study.task.length))[: study.task.size]
     status = Status(int(design.status))
     return PoseDesign(

@@ -98,11 +98,12 @@ class JointStiffness(Table):
 
 
 class Task(Table):
-    """What the hand should be like."""
+    """What the hand should be like, and the force that pulls at it [N]."""
 
     space: Literal["position", "pose"] = "position"
     stiffness: list[float] | list[list[float]]
     length: Positive = 0.3
+    load: Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
 
     @property
     def size(self) -> int:
@@ -134,11 +135,22 @@ class Workspace(Table):
 
 
 class Poses(Table):
-    """The search for better poses of the same hand position."""
+    """The search for better poses of the same hand position.
+
+    Targets and starts are drawn from `drawn_deg`, a pair a joint, by default from the joints' whole ranges.
+    """
 
     targets: AtLeastOne = 128
     starts: AtLeastOne = 6
     steps: AtLeastOne = 60
+    drawn_deg: list[Pair] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Poses:
+        for pair in self.drawn_deg:
+            if pair[0] > pair[1]:
+                raise ValueError(f"drawn_deg must be pairs of low, then high; got {pair}")
+        return self
 
 
 class Accuracy(Table):
@@ -252,7 +264,11 @@ def check_joints(study: ArmStudy, count: int, place: str) -> list[Mistake]:
             if low > high:
                 problem = f"joint {i + 1} has lower {low:g} above upper {high:g}"
                 mistakes.append(Mistake(f"{place}: joints", problem, "exchange them"))
-    if study.arm.pose_deg and len(study.arm.pose_deg) != count:
-        problem = f"got {len(study.arm.pose_deg)} numbers; the arm has {count} joints"
-        mistakes.append(Mistake(f"{place}: arm.pose_deg", problem, "give one angle a joint"))
+    for name, given, what in (
+        ("arm.pose_deg", study.arm.pose_deg, "angle"),
+        ("poses.drawn_deg", study.poses.drawn_deg, "pair"),
+    ):
+        if given and len(given) != count:
+            problem = f"got {len(given)} {what}s; the arm has {count} joints"
+            mistakes.append(Mistake(f"{place}: {name}", problem, f"give one {what} a joint"))
     return mistakes

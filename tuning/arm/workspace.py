@@ -68,40 +68,43 @@ def write_workspace(study: ArmStudy, columns: Columns, folder: Path) -> list[Pat
 
 
 def draw_workspace(study: ArmStudy, columns: Columns) -> Figure:
-    """Draw the medians of the errors over the places that the hand can reach, and their distributions."""
+    """Draw what the joints alone leave, and how often the design is exact, over the hand's places."""
     figure, axes = new_figure(12.0, 3.9, 1, 3, width_ratios=(1.0, 1.0, 0.8))
-    shown = (
-        ("passive_compliance_error", "joints alone: compliance error"),
-        ("compliance_error", "with the controller: compliance error"),
-    )
-    across, up = (columns[f"hand_{axis}"] for axis in study.workspace.plane)
-    for axis, (name, title) in zip(axes, shown, strict=False):
-        values = 100.0 * columns[name]
-        kept = np.isfinite(values)
-        cells = study.workspace.cells
-        top = max(float(np.quantile(values[kept], 0.95)), 1e-9) if kept.any() else 1.0
-        drawn = axis.hexbin(
-            across[kept],
-            up[kept],
-            C=values[kept],
-            gridsize=cells,
-            reduce_C_function=np.median,
-            cmap="viridis_r",
-            vmin=0.0,
-            vmax=top,
-        )
-        axis.set(xlabel=f"{study.workspace.plane[0]} [m]", ylabel=f"{study.workspace.plane[1]} [m]", title=title)
-        axis.set_aspect("equal")
-        axis.grid(False)
-        figure.colorbar(drawn, ax=axis, label="median of the poses there [%]", shrink=0.85)
+    error = 100.0 * columns["passive_compliance_error"]
+    kept = _finite(error)
+    top = max(float(np.quantile(kept, 0.95)), 1e-9) if kept.size else 1.0
+    _draw_map(axes[0], study, columns, error, np.median, top)
+    axes[0].set_title("joints alone: median compliance error [%]")
+    exact = np.where(columns["status"] <= Status.NOT_OPTIMAL, 100.0 * columns["is_exact"], np.nan)
+    _draw_map(axes[1], study, columns, exact, np.mean, 100.0)
+    axes[1].set_title("with the controller: share met exactly [%]")
     _draw_distribution(axes[2], columns)
     return figure
 
 
+def _draw_map(axis: Any, study: ArmStudy, columns: Columns, values: np.ndarray, reduce: Any, top: float) -> None:
+    first, second = study.workspace.plane
+    kept = np.isfinite(values)
+    drawn = axis.hexbin(
+        columns[f"hand_{first}"][kept],
+        columns[f"hand_{second}"][kept],
+        C=values[kept],
+        gridsize=study.workspace.cells,
+        reduce_C_function=reduce,
+        cmap="viridis",
+        vmin=0.0,
+        vmax=top,
+    )
+    axis.set(xlabel=f"{first} [m]", ylabel=f"{second} [m]")
+    axis.set_aspect("equal")
+    axis.grid(False)
+    axis.figure.colorbar(drawn, ax=axis, shrink=0.85)
+
+
 def _draw_distribution(axis: Any, columns: Columns) -> None:
     for name, label, colour, style in (
-        ("passive_compliance_error", "joints alone, compliance", ESTIMATE, "-"),
-        ("passive_stiffness_error", "joints alone, stiffness", ESTIMATE, "--"),
+        ("passive_compliance_error", "joints, compliance", ESTIMATE, "-"),
+        ("passive_stiffness_error", "joints, stiffness", ESTIMATE, "--"),
         ("compliance_error", "with controller, compliance", OTHER, "-"),
         ("stiffness_error", "with controller, stiffness", OTHER, "--"),
     ):
@@ -111,7 +114,7 @@ def _draw_distribution(axis: Any, columns: Columns) -> None:
             axis.plot(np.maximum(values, _SMALLEST), shares, style, color=colour, label=label)
     axis.set_xscale("log")
     axis.set(xlabel=f"relative error, at least {_SMALLEST:g} [%]", ylabel="share of poses", ylim=(0.0, 1.0))
-    axis.legend(loc="lower right", fontsize=7)
+    axis.legend(loc="lower left", bbox_to_anchor=(-0.1, 1.0), ncols=2, fontsize=7)
 
 
 _SMALLEST = 1e-3

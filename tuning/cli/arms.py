@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from tuning.cli.options import JSON, QUIET, RUN, SEED, SETTINGS, STUDY, emit, table, with_seed
 
@@ -121,7 +122,8 @@ def run_arm_accuracy(
     loaded, problem = _open(study, settings, seed)
     from tuning.arm.accuracy import run_accuracy, summarise, write_accuracy
 
-    columns = run_accuracy(loaded, problem, study, draws)
+    chosen = click.get_current_context().get_parameter_source("scenarios") is not ParameterSource.DEFAULT
+    columns = run_accuracy(loaded, problem, study, draws if chosen else None)
     files, rows = write_accuracy(columns, folder), summarise(columns)
 
     def text() -> str:
@@ -130,10 +132,11 @@ def run_arm_accuracy(
                 row["msrep"],
                 *(_percent(row[f"stiffness_error_{q}"]) for q in ("median", "q95")),
                 *(_percent(row[f"stiffness_change_{q}"]) for q in ("median", "q95")),
+                row["failed"],
             ]
             for row in rows
         ]
-        headers = ["joints' MSREP [%]", "hand against desired", "95 %", "hand against designed", "95 %"]
+        headers = ["joints' MSREP [%]", "hand against desired", "95 %", "hand against designed", "95 %", "failed"]
         return "\n".join([table(headers, shown), *(f"wrote {file}" for file in files)])
 
     emit({"run": folder, "files": files, "levels": rows}, as_json=as_json, quiet=quiet, text=text)

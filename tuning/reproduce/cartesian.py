@@ -1,7 +1,8 @@
 """Petit, Albu-Schäffer: Cartesian impedance control for a variable stiffness robot arm.
 
 Table I at the instant t1, from a geometry fitted to the table (lengths and pose are not published), what its other
-instants say, and the closed loop. Corrections to the printed equations are listed in `docs/cartesian.md`.
+instants say, and the closed loop; random poses, better poses and loads are in `cartesian_space`. Corrections to
+the printed equations are listed in `docs/cartesian.md`.
 """
 
 from __future__ import annotations
@@ -13,17 +14,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.arm.problem import ArmProblem, build_problem, outcomes, pose_of
-from tuning.arm.study import load_arm_study
+from tuning.arm.problem import ArmProblem
 from tuning.figures import ESTIMATE, OTHER, TRUTH, new_figure, save
+from tuning.reproduce.cartesian_space import load_rows, open_example, pose_rows, random_pose_rows
 from tuning.reproduce.report import Report, Row
-from tuning.resources import example_path
 from vsajax import arm_loop, plants
 from vsajax.arms import ArmBodies
-from vsajax.control import ActiveSet, CartesianImpedance, Status, StiffnessDesign, StiffnessDesigner, inverse
+from vsajax.control import ActiveSet, CartesianImpedance, StiffnessDesign, StiffnessDesigner, inverse
 
 _TITLE = "Petit, Albu-Schäffer: Cartesian impedance control for a variable stiffness robot arm"
-_POSES = 1000
 _JOINTS = (394.0, 123.0, 113.0, 161.0)
 # Table I, upper triangles xx, xy, xz, yy, yz, zz.
 _ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -45,11 +44,9 @@ _K_A_NOTE = (
 
 
 def _problem(**changes: object) -> tuple[ArmProblem, jax.Array]:
-    path = example_path("arm", "arm")
-    study = load_arm_study(path)
-    problem = build_problem(study, path)
-    designer = StiffnessDesigner(study.controller.max_stiffness, **changes)  # pyright: ignore[reportArgumentType]
-    return eqx.tree_at(lambda p: p.designer, problem, designer), pose_of(study, problem)
+    problem, pose = open_example()
+    designer = StiffnessDesigner(problem.designer.max_active_stiffness, **changes)  # pyright: ignore[reportArgumentType]
+    return eqx.tree_at(lambda p: p.designer, problem, designer), pose
 
 
 def _design(**changes: object) -> StiffnessDesign:
@@ -63,7 +60,7 @@ def reproduce(folder: Path | None) -> Report:
     paper = _design(scaling="none", solver=ActiveSet("drop_first"))
     sweeps = _sweeps()
     rows = [*_table_rows(plain, paper), *_consistency_rows(), *_scaling_rows(printed, exact)]
-    rows += _loop_rows(sweeps)
+    rows += [*random_pose_rows(), *pose_rows(), *load_rows(), *_loop_rows(sweeps)]
     figures = [] if folder is None else [_draw(sweeps, folder)]
     return Report(_TITLE, rows, figures, _findings(plain))
 
@@ -129,29 +126,6 @@ def _scaling_rows(printed: StiffnessDesign, exact: StiffnessDesign) -> list[Row]
         _near("K_Cs zz, scaled by (18)", None, shown, "N/m", 281.424, 0.01, note),
         Row("K_Cs against K_d, scaled by 1/λ_max(C_p, C_d − 0⁺I)", None, off, "relative", 0.0, 1e-10),
     ]
-    problem, _ = _problem()
-    poses = jnp.asarray(problem.draw(np.random.default_rng(0), _POSES))
-    found = outcomes(problem, poses)
-    share = 100.0 * float(np.mean(found.is_exact))
-    solved = 100.0 * float(np.mean(np.asarray(found.status) == Status.SOLVED))
-    said = "how often the correct scaling stays between the joints' bounds; else it is clipped and an offset stays"
-    rows.append(Row(f"{_POSES} random poses: exact", None, share, "%", 0.0, 100.0, said))
-    rows.append(Row(f"{_POSES} random poses: solved", None, solved, "%", 99.9, 100.0))
-    exactly = np.asarray(found.stiffness_error)[np.asarray(found.is_exact)]
-    rows.append(Row("worst K_Cs error where exact", None, float(exactly.max()), "relative", 0.0, 1e-10))
-    for label, name in (("stiffness", "stiffness_error"), ("compliance", "compliance_error")):
-        median, worst = np.quantile(np.asarray(getattr(found, name)), [0.5, 0.9])
-        rows.append(
-            Row(
-                f"serial {label} error, 90 % of poses",
-                None,
-                100.0 * float(worst),
-                "%",
-                0.0,
-                np.inf,
-                f"median {100 * median:.2g} %",
-            )
-        )
     return rows
 
 

@@ -14,6 +14,7 @@ from vsajax.control.designer import (
 from vsajax.control.enumeration import Enumeration
 from vsajax.control.impedance import CartesianImpedance, design_damping, impedance_torque
 from vsajax.control.interior_point import InteriorPoint
+from vsajax.control.loaded import design_loaded, loaded_compliance
 from vsajax.control.observers import ObservedController, SwingObserver
 from vsajax.control.online import ArmCommand, ArmController, ArmReading
 from vsajax.control.passive import (
@@ -73,6 +74,7 @@ __all__ = [
     "TimeLead",
     "compliance_problem",
     "design_damping",
+    "design_loaded",
     "eigen",
     "fit_active",
     "fit_passive",
@@ -80,6 +82,7 @@ __all__ = [
     "impedance_torque",
     "improve_pose",
     "inverse",
+    "loaded_compliance",
     "passive_scale",
     "reach",
     "stiffness_errors",

@@ -17,6 +17,7 @@ Joints = Float[Array, " joints"]
 Ranges = Float[Array, "joints 2"]
 
 _REACHED = 1e-9
+_FIRST = 0.1
 _LONGEST = 0.4
 _SHORTEST = 1e-6
 _DAMPING = 1e-8
@@ -27,11 +28,13 @@ class PoseSearch(NamedTuple):
 
     Args:
         positions: q [rad].
-        value: of the objective there.
+        initial: value of the objective at the start; infinite where the start does not have the hand in place.
+        value: of the objective at `positions`.
         shift: of the hand from where it was to be [m].
     """
 
     positions: Joints
+    initial: Scalar
     value: Scalar
     shift: Scalar
 
@@ -81,7 +84,7 @@ def improve_pose(
     Args:
         objective: of q; differentiable.
         arm: any.
-        positions: where to start, with the hand in place [rad].
+        positions: where to start, with the hand in place to 1e-9 m; values stay infinite where it is not [rad].
         hand: where the hand's position is to stay [m].
         ranges: low and high end of every joint [rad].
         steps: tried.
@@ -95,28 +98,37 @@ def improve_pose(
         slope, value = jax.jacfwd(twice, has_aux=True)(q)
         return value, slope
 
-    def descend(state: tuple[Joints, Scalar, Joints, Scalar]) -> tuple[Joints, Scalar, Joints, Scalar]:
-        q, value, slope, length = state
-        jacobian = arm.position_jacobian(q)
-        along = _within_nullspace(jacobian, -slope, jnp.ones_like(q))
-        inside = jnp.where(_is_pushed_out(q, along, ranges), 0.0, 1.0)
-        along = _within_nullspace(jacobian, -slope, inside)
-        step = length * along * numerics.safe_divide(jnp.ones(()), _length(along))
-        tried, shift = reach(arm, q + step, hand, ranges, steps=4)
-        new_value, new_slope = both(tried)
-        better = (new_value < value) & (shift < _REACHED)
-        length = jnp.where(better, jnp.minimum(1.5 * length, _LONGEST), jnp.maximum(length / 3.0, _SHORTEST))
-        return (
-            jnp.where(better, tried, q),
-            jnp.where(better, new_value, value),
-            jnp.where(better, new_slope, slope),
-            length,
+    def descend(now: _Descent) -> _Descent:
+        jacobian = arm.position_jacobian(now.positions)
+        along = _within_nullspace(jacobian, -now.slope, jnp.ones_like(now.slope))
+        inside = jnp.where(_is_pushed_out(now.positions, along, ranges), 0.0, 1.0)
+        along = _within_nullspace(jacobian, -now.slope, inside)
+        step = now.length * along * numerics.safe_divide(jnp.ones(()), _length(along))
+        tried, shift = reach(arm, now.positions + step, hand, ranges, steps=4)
+        value, slope = both(tried)
+        better = (value < now.value) & (shift < _REACHED)
+        length = jnp.where(better, jnp.minimum(1.5 * now.length, _LONGEST), now.length / 3.0)
+        return _Descent(
+            jnp.where(better, tried, now.positions),
+            jnp.where(jnp.isinf(now.initial) & better, value, now.initial),
+            jnp.where(better, value, now.value),
+            jnp.where(better, slope, now.slope),
+            jnp.maximum(length, _SHORTEST),
         )
 
-    value, slope = both(positions)
-    state = positions, value, slope, jnp.asarray(0.1)
-    q, value, _, _ = rollout.repeat(descend, state, times=steps)
-    return PoseSearch(q, value, _length(hand - arm.forward(q).position))
+    # The first step has no slope and so only evaluates the start: the objective is compiled once.
+    nothing = jnp.asarray(jnp.inf)
+    start = _Descent(positions, nothing, nothing, jnp.zeros_like(positions), jnp.asarray(_FIRST / 1.5))
+    end = rollout.repeat(descend, start, times=steps + 1)
+    return PoseSearch(end.positions, end.initial, end.value, _length(hand - arm.forward(end.positions).position))
+
+
+class _Descent(NamedTuple):
+    positions: Joints
+    initial: Scalar
+    value: Scalar
+    slope: Joints
+    length: Scalar
 
 
 def _least(jacobian: Float[Array, "3 joints"], offset: Float[Array, "3"]) -> Joints:
