@@ -51,7 +51,7 @@ def summed(p, x):
         return (total * p.gain + row, total), jnp.stack([total, last + row[1]])
 
     (total, last), rows = jax.lax.scan(turn, (x[0], x[1] * 0.0), x)
-    return jnp.concatenate([total, last, rows.sum(0).sum(0)[None]])
+    return jnp.stack([total, last, rows.sum(0).sum(0)])
 
 
 def backwards(p, x):
