@@ -61,6 +61,7 @@ def loop_of(arm, t1, posture, sweeps, *, gravity: bool, view, posture_stiffness=
 RUN = eqx.filter_jit(arm_loop.equilibria)
 
 
+@pytest.mark.slow
 @pytest.mark.analytic
 def test_the_hand_has_the_stiffness_that_was_designed(arm, t1, posture, sweeps):
     # Read back as dF/dx from the closed loop of motors, springs and controller, then along the reference's sweep;

@@ -11,6 +11,8 @@ import pytest
 
 from vsajax.control import Status, StiffnessBounds, StiffnessDesigner, design_loaded, loaded_compliance
 
+pytestmark = pytest.mark.slow
+
 GOLDEN = Path(__file__).parents[2] / "golden" / "cartesian.npz"
 
 

@@ -56,6 +56,7 @@ def search(arm):
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_searches_find_the_best_of_the_self_motion_and_hold_the_hand(search):
     rng = np.random.default_rng(0)
