@@ -26,8 +26,10 @@ demo: $(READY)
 	$(BIN)/vsajax export runs/demo/tune/best.toml --to json -o runs/demo/export
 	@echo "Done. The pictures are in runs/demo and its folders; the tuned configuration is runs/demo/tune/best.toml."
 
+# The library with run-time type checks, and the lab on it as users run it.
 test: $(READY)
-	$(BIN)/pytest -n 2 --dist loadfile -m 'not slow and not benchmark'
+	$(BIN)/pytest -n 2 --dist loadfile -m 'not slow and not benchmark' tests/vsajax
+	$(BIN)/pytest -n 2 --dist loadfile -m 'not slow and not benchmark' --unchecked tests/tuning
 
 test-all: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile -m 'not benchmark'

@@ -14,11 +14,22 @@ import numpy as np
 import pytest
 
 jax.config.update("jax_enable_x64", True)
-jaxtyping.install_import_hook("vsajax", "beartype.beartype")
 
 TESTS = Path(__file__).parent
 
 Signals = dict[str, np.ndarray]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what run-time type checks may be left out by."""
+    words = "no run-time type checks of vsajax, as its users run it; tracing is a third faster"
+    parser.addoption("--unchecked", action="store_true", help=words)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Check types at run time, from before anything imports `vsajax`."""
+    if not config.getoption("--unchecked"):
+        jaxtyping.install_import_hook("vsajax", "beartype.beartype")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -42,6 +42,7 @@ def radau(offsets, amplitudes, time: np.ndarray) -> np.ndarray:
     return solve_ivp(rates, (0.0, time[-1]), np.zeros(6), "Radau", time, rtol=1e-10, atol=1e-12).y[:3]
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("settings", "offsets", "amplitudes"), [((), (2.5, -2.5), (1.5, 1.5)), (R2, (0.0, 0.0), (3.0, -3.0))]

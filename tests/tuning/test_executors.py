@@ -79,7 +79,7 @@ def kill_workers() -> None:
 
 
 @pytest.mark.equivalence
-@pytest.mark.parametrize("kind", ["dask", "submitit"])
+@pytest.mark.parametrize("kind", ["dask", pytest.param("submitit", marks=pytest.mark.slow)])
 def test_workers_give_the_bytes_of_a_run_in_one_process(planned, straight, tmp_path, kind):
     run = tmp_path / kind
     executor = DaskExecutor(2) if kind == "dask" else SlurmExecutor(run / "jobs", 2, "local")
@@ -103,6 +103,7 @@ def test_workers_that_are_killed_cost_nothing_but_time(planned, straight, tmp_pa
     assert workers() == []
 
 
+@pytest.mark.slow
 @pytest.mark.equivalence
 def test_a_scheduler_that_runs_already_is_used_and_left_running(planned, straight, tmp_path):
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster:

@@ -99,6 +99,7 @@ def wait_for(process: subprocess.Popen[str], run: Path, chunks: int) -> None:
     assert len(finished_in(run)) < POINTS
 
 
+@pytest.mark.slow
 @pytest.mark.cli
 @pytest.mark.equivalence
 def test_a_sweep_that_is_interrupted_and_killed_ends_with_the_same_bytes(tmp_path):

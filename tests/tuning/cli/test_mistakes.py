@@ -203,6 +203,7 @@ def test_steps_too_coarse_for_the_joint_are_refused(refused):
     assert "allowed: at least" in message
 
 
+@pytest.mark.slow
 @pytest.mark.failure
 @pytest.mark.cli
 def test_a_full_disk_ends_with_2_and_leaves_no_half_of_a_file(vsajax, monkeypatch, tmp_path):

@@ -70,6 +70,7 @@ def test_a_small_rotation_is_its_vector():
     np.testing.assert_allclose(moved, arm.jacobian(position) @ turn, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_the_golden_path_meets_bounds_a_singular_pose_and_refusals():
     deployable = deployable_of(load_arm_study(ARM), str(ARM))
     columns, _ = deployable.simulate(4.0)
@@ -98,6 +99,7 @@ def test_ranges_are_those_of_the_study_file():
     assert deployable.range(("arm", "offsets")) == Range()
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.cli
 def test_an_arm_is_exported_and_checked(vsajax, tmp_path):
