@@ -15,7 +15,7 @@ from vsajax.control.passive import StiffnessBounds
 from vsajax.types import Scalar, as_leaf
 
 _RIDGE = 1e-14
-"""Of J Jᵀ: at a singular pose the posture's torque stays finite, elsewhere it changes by 10⁻¹⁴ of its condition."""
+"""Of J Jᵀ: the torque stays finite at a singular pose, elsewhere it changes by 10⁻¹⁴ condition numbers."""
 
 Joints = Float[Array, " joints"]
 Matrix = Float[Array, "m m"]
