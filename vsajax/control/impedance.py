@@ -14,8 +14,6 @@ from vsajax.types import Scalar, as_leaf
 Joints = Float[Array, " joints"]
 Matrix = Float[Array, "m m"]
 
-_RIDGE = 1e-14
-"""Of J Jᵀ, relative to its trace: at a singular pose the torque stays finite, elsewhere nothing changes."""
 _FLATTEST = 1e-12
 """Smallest eigenvalue of J Jᵀ that damping is designed for, relative to the largest."""
 
@@ -53,7 +51,7 @@ def posture_damping(ratio: Scalar | float, motor_inertia: Scalar | float, stiffn
 
 
 def impedance_torque(
-    jacobian: Float[Array, "m joints"], force: Float[Array, " m"], posture_torque: Joints
+    jacobian: Float[Array, "m joints"], force: Float[Array, " m"], posture_torque: Joints, *, ridge: float = 0.0
 ) -> Joints:
     """Return −Jᵀ f − N τ of (12), with N = I − J⁺ J [N·m].
 
@@ -61,9 +59,10 @@ def impedance_torque(
         jacobian: J.
         force: f, of the hand's springs and dampers [N].
         posture_torque: τ, of the posture's, before it is projected [N·m].
+        ridge: on J Jᵀ, relative to its trace; with some the torque is finite at a singular pose too.
     """
     square = jacobian @ jacobian.T
-    square = square + _RIDGE * jnp.trace(square) * jnp.eye(square.shape[0])
+    square = square + ridge * jnp.trace(square) * jnp.eye(square.shape[0])
     seen = jacobian.T @ numerics.solve_square(square, (jacobian @ posture_torque)[:, None])[:, 0]
     return -jacobian.T @ force - (posture_torque - seen)
 
