@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from tuning.statistic import Statistic
 from tuning.study import Tune
@@ -95,7 +95,7 @@ def interval(values: np.ndarray, statistic: Statistic, *, seed: int) -> tuple[fl
     if values.size < 2 or not np.ptp(values) > 0:
         return float("nan"), float("nan")
     rng, method = np.random.default_rng(seed), "BCa" if statistic.kind == "mean" else "percentile"
-    found = stats.bootstrap((values,), statistic.of, n_resamples=_RESAMPLES, method=method, rng=rng)
+    found = scipy.stats.bootstrap((values,), statistic.of, n_resamples=_RESAMPLES, method=method, rng=rng)
     return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
@@ -112,7 +112,7 @@ def paired_interval(
     value = float(difference(first, second))
     if first.size < 2 or not np.ptp(second - first) > 0:
         return value, float("nan"), float("nan")
-    found = stats.bootstrap(
+    found = scipy.stats.bootstrap(
         (first, second),
         difference,
         paired=True,

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pyarrow as pa
-from scipy import stats
+import scipy
 
 from tuning.control_problem import AnyProblem, problem_of
 from tuning.executors import Executor, complete
@@ -116,7 +116,7 @@ class MonteCarlo:
         population = self.study.population
         size, rows = len(population.paths), self.rows
         seed = np.random.default_rng((self.study.seed, 3))
-        both = np.clip(stats.qmc.Sobol(max(1, 2 * size), rng=seed).random(rows), 1e-15, 1.0 - 1e-15)
+        both = np.clip(scipy.stats.qmc.Sobol(max(1, 2 * size), rng=seed).random(rows), 1e-15, 1.0 - 1e-15)
         matrix, row = places // rows, places % rows
         first, second = both[row, :size], both[row, size : 2 * size]
         # Which columns, and whether the noise, come from B.

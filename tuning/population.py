@@ -296,12 +296,12 @@ class Population(Table):
 
     def shares(self, seed: tuple[int, ...], start: int, count: int) -> np.ndarray:
         """Return the `(count, path)` shares in (0, 1) of the draws from number `start` on."""
-        from scipy import stats
-
         size = len(self.paths)
         if not size:
             return np.empty((count, 0))
         if self.sampling == "sobol":
+            from scipy import stats
+
             sampler = stats.qmc.Sobol(size, rng=np.random.default_rng(seed))
             with warnings.catch_warnings():
                 # Chunks of any size are cut from one sequence, whose balance is that of the whole.

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from tuning.judging import unit_of
 from tuning.population import METRICS, Population, parse_failure
@@ -93,13 +93,13 @@ def quantile(values: np.ndarray, level: float) -> Interval:
     """Return a quantile with its distribution-free interval, from the ranks of the order statistics."""
     if not values.size:
         return Interval(float("nan"), float("nan"), float("nan"))
-    found = stats.quantile_test(values, p=level).confidence_interval(0.95)
+    found = scipy.stats.quantile_test(values, p=level).confidence_interval(0.95)
     return Interval(float(np.quantile(values, level, method="inverted_cdf")), float(found.low), float(found.high))
 
 
 def probability(failed: np.ndarray) -> Interval:
     """Return a probability with its Clopper–Pearson interval."""
-    found = stats.binomtest(int(failed.sum()), failed.size).proportion_ci(0.95, method="exact")
+    found = scipy.stats.binomtest(int(failed.sum()), failed.size).proportion_ci(0.95, method="exact")
     return Interval(float(failed.mean()), float(found.low), float(found.high))
 
 
@@ -133,7 +133,7 @@ def sobol_influences(design: Columns, factors: Sequence[str], metric: str) -> tu
     with warnings.catch_warnings():
         # A factor without any effect has no scatter to resample: its interval is then the value.
         warnings.simplefilter("ignore", RuntimeWarning)
-        found = stats.sobol_indices(func={"f_A": first, "f_B": second, "f_AB": np.stack(mixed)}, n=rows)
+        found = scipy.stats.sobol_indices(func={"f_A": first, "f_B": second, "f_AB": np.stack(mixed)}, n=rows)
         spread = found.bootstrap(0.95)
     orders = ((found.first_order, spread.first_order), (found.total_order, spread.total_order))
     indices = [_intervals(value, ends.confidence_interval) for value, ends in orders]
@@ -194,7 +194,7 @@ def _correlation(numbers: np.ndarray, scores: np.ndarray) -> Interval:
     finite = np.isfinite(scores)
     if finite.sum() < 4 or not np.ptp(numbers[finite]) > 0 or not np.ptp(scores[finite]) > 0:
         return Interval(float("nan"), float("nan"), float("nan"))
-    value = float(stats.spearmanr(numbers[finite], scores[finite])[0])  # pyright: ignore[reportArgumentType]
+    value = float(scipy.stats.spearmanr(numbers[finite], scores[finite])[0])  # pyright: ignore[reportArgumentType]
     # Fisher's transformation, with Bonett and Wright's variance for ranks.
     reach = 1.959964 * np.sqrt((1.0 + value**2 / 2.0) / (finite.sum() - 3))
     centre = np.arctanh(np.clip(value, -1 + 1e-12, 1 - 1e-12))

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pyarrow.parquet as pq
-from scipy import stats
+import scipy
 
 from tuning.control_problem import AnyProblem, problem_of
 from tuning.descent import Algorithm
@@ -121,7 +121,7 @@ class Search:
     def sobol_points(self) -> np.ndarray:
         """Return `screen` scrambled Sobol points of the space, `(point, parameter)`."""
         count = max(self.study.tune.screen, self.study.tune.starts)
-        sampler = stats.qmc.Sobol(self.space.size, rng=np.random.default_rng(self.study.seed))
+        sampler = scipy.stats.qmc.Sobol(self.space.size, rng=np.random.default_rng(self.study.seed))
         shares = sampler.random_base2(math.ceil(math.log2(count)))[:count]
         return self._numbers(jax.vmap(self.space.at_share)(jnp.asarray(shares)))
 

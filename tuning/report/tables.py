@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from tuning.figures import NEAR, SWING_UNITS
 from tuning.judging import interval, paired_interval
@@ -111,7 +111,7 @@ def _blocks() -> list[slice]:
 
 def _around(value: float, each: Sequence[float]) -> Interval:
     """Return a value with the interval that its scatter over blocks of the scenarios gives."""
-    reach = float(stats.t.ppf(0.975, len(each) - 1) * np.std(each, ddof=1) / np.sqrt(len(each)))
+    reach = float(scipy.stats.t.ppf(0.975, len(each) - 1) * np.std(each, ddof=1) / np.sqrt(len(each)))
     return Interval(value, value - reach, value + reach)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import stats
+import scipy
 
 from tuning.axes import Bounds
 from tuning.grid import lane_program
@@ -171,7 +171,7 @@ def _enter(contender: Contender) -> list[Entry]:
         space = Space.of(contender.bounds)
         best = np.full((len(LEVELS), space.size), 0.5)
         error = np.full(len(LEVELS), np.inf)
-        sobol = stats.qmc.Sobol(space.size, rng=np.random.default_rng(0))
+        sobol = scipy.stats.qmc.Sobol(space.size, rng=np.random.default_rng(0))
         for width in _BOXES:
             offsets = sobol.random(_POINTS) - 0.5
             shares = np.clip(best[:, None] + width * offsets, 0.0, 1.0)
@@ -264,7 +264,7 @@ def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> tuple[float, float
     def statistic(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
         return np.mean(a, axis=axis) / np.mean(b, axis=axis)
 
-    found = stats.bootstrap(
+    found = scipy.stats.bootstrap(
         (numerator, denominator), statistic, paired=True, vectorized=True, rng=np.random.default_rng(0)
     ).confidence_interval
     return float(statistic(numerator, denominator)), float(found.low), float(found.high)
