@@ -50,7 +50,7 @@ def show_effort(runs: Mapping[str, FinishedRun]) -> Iterator[Picture]:
     efforts = {name: effort for name, run in runs.items() if np.isfinite((effort := effort_of(run)).best).any()}
     if not efforts:
         return
-    label = f"best training {UNITS[next(iter(runs.values())).objective]}"
+    label = f"best so far in training:\n{UNITS[next(iter(runs.values())).objective]}"
     said = [
         f"{name or 'the search'} ends at {number(float(e.best[-1]))} after {e.evaluations[-1]} evaluations"
         for name, e in efforts.items()
@@ -75,7 +75,7 @@ def tabulate_effort(runs: Mapping[str, FinishedRun]) -> Table:
 
 
 def _draw(efforts: Mapping[str, Effort], label: str) -> Figure:
-    figure, (left, right) = new_figure(5.6, 3.0, 1, 2, sharey=True)
+    figure, (left, right) = new_figure(5.6, 3.2, 1, 2, sharey=True)
     for name, effort in efforts.items():
         for axis, cost in ((left, effort.evaluations), (right, effort.seconds)):
             axis.step(cost, np.where(np.isfinite(effort.best), effort.best, np.nan), where="post", label=name)
