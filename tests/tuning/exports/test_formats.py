@@ -66,6 +66,16 @@ def test_an_fmu_is_complete_and_was_run(vsajax, tmp_path):
     assert_complete(exported(vsajax, "fmi2", tmp_path, "--duration", "0.1"), tmp_path)
 
 
+@needs_compiler
+@pytest.mark.cli
+@pytest.mark.equivalence
+def test_a_pair_with_the_outputs_of_both_sides_passes_the_quick_check_of_its_c(vsajax, tmp_path):
+    exported(vsajax, "c99", tmp_path, "--duration", "0.1", config=RESIDUAL_PAIR, options=())
+    ended = subprocess.run([sys.executable, "check.py", "--quick"], cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 0, ended
+    assert [line.split()[0] for line in ended.stdout.splitlines()] == ["passed", "passed"]
+
+
 @pytest.mark.slow
 @needs_compiler
 @pytest.mark.cli
