@@ -55,6 +55,7 @@ def test_chosen_step_follows_radau_to_the_studys_tolerance(settings, offsets, am
     np.testing.assert_allclose(found, exact, rtol=0.0, atol=study.integration_tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.gradient
 def test_error_is_continuous_in_the_window():
     problem = Problem(small_antagonistic(), (WINDOW,))

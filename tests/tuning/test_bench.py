@@ -44,7 +44,13 @@ def test_the_opponent_leaves_the_processor_as_it_was(c):
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in {"sweep", "algebraic_observer"} else [])
+        for name in TWINS
+    ],
+)
 def test_c_computes_what_we_compute(name, c):
     lanes, settings = SMALL[name]
     work = KERNELS[name].prepare(lanes, settings)

@@ -136,6 +136,7 @@ def test_a_scheduler_that_is_not_there_is_named(planned, tmp_path, monkeypatch, 
         complete(planned.open(tmp_path / "run", resume=False), DaskExecutor(scheduler=address), "dask")
 
 
+@pytest.mark.slow
 @pytest.mark.failure
 def test_jobs_that_end_without_a_chunk_are_given_up_and_their_log_is_named(tmp_path):
     spec = json.dumps({"command": "nothing", "study": {}, "plan": {}, "xla_flags": os.environ["XLA_FLAGS"]})

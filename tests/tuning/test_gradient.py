@@ -88,7 +88,7 @@ def test_memory_grows_neither_with_the_recordings_nor_with_the_residuals():
 
 
 @pytest.mark.gradient
-@pytest.mark.parametrize("algorithm", ["levenberg-marquardt", "bfgs"])
+@pytest.mark.parametrize("algorithm", [pytest.param("levenberg-marquardt", marks=pytest.mark.slow), "bfgs"])
 def test_every_algorithm_leads_down_within_the_bounds(algorithm):
     study = tiny_tuning("clock.duration=1.0", "tune.max_steps=30")
     search = Search(study, "gradient", algorithm)

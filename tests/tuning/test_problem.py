@@ -52,6 +52,7 @@ def test_integration_steps_keep_every_position_within_the_tolerance(tolerance):
         np.testing.assert_allclose(getattr(motion, name), getattr(exact, name), rtol=0.0, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_a_tighter_tolerance_and_a_stiffer_moment_ask_for_more_steps():
     tight, mild, strong = (
         Problem(small_serial(*settings)).substeps

@@ -43,6 +43,7 @@ def work_of_grid(problem: Problem, axes, scenarios: int) -> int:
     return work(grid.program, *grid.arguments(grid.outer_points))
 
 
+@pytest.mark.slow
 @pytest.mark.structure
 def test_gains_and_noise_draws_share_the_covariance_and_priors_do_not(problem):
     single = work_of_grid(problem, {GAIN: GAINS[:1], PRIOR: PRIORS}, 1)

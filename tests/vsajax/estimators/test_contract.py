@@ -10,6 +10,8 @@ from vsajax import MissingSignalError, estimators, experiment
 
 pytestmark = pytest.mark.contract
 
+VARIANTS = {"algebraic from rest", "matched", "unequal pair", "kalman"}
+"""Of estimators that are there in another form."""
 each_estimator = pytest.mark.parametrize("estimator", ESTIMATORS.values(), ids=ESTIMATORS.keys())
 
 
@@ -19,7 +21,13 @@ def test_registry_holds_every_estimator():
     assert {type(e) for e in ESTIMATORS.values()} == all_of_them - {estimators.AbstractEstimator}
 
 
-@each_estimator
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        pytest.param(e, id=name, marks=[pytest.mark.slow] if name in VARIANTS else [])
+        for name, e in ESTIMATORS.items()
+    ],
+)
 def test_online_is_offline(estimator):
     # What runs on a robot, one sample after the other, is what was tuned on recordings.
     recording = full_recording()
