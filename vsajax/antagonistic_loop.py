@@ -18,12 +18,13 @@ from jaxtyping import Array, Key
 
 from vsajax import rollout
 from vsajax.control import AbstractController
+from vsajax.estimated_loop import EstimatedScores, score_estimated
 from vsajax.estimators import AntagonisticPair, ResidualTorque, StiffnessEstimator
 from vsajax.numerics import dot
 from vsajax.plants import AbstractSpring, AntagonisticJoint, Torques
 from vsajax.plants.splitting import MechanicalState, propagator, splitting_step
 from vsajax.sensing import Clock, Impact
-from vsajax.settling import Swept, SwingScorer, SwingScores
+from vsajax.settling import Swept, SwingScorer
 from vsajax.types import Sample, Scalar, Series, Swing, as_leaf
 
 _HALVINGS = 16
@@ -120,20 +121,6 @@ class CoContractedMotion(NamedTuple):
     known: Series
 
 
-class CoContractedScores(NamedTuple):
-    """How an antagonistic loop came to rest, and how good the estimate was.
-
-    Args:
-        swing: the loop's scores.
-        msrep: mean squared relative error of the stiffness where it was known [%]; NaN if never.
-        known_time: when it was first [s]; infinite if never.
-    """
-
-    swing: SwingScores
-    msrep: Scalar
-    known_time: Scalar
-
-
 class _State(NamedTuple):
     mechanics: MechanicalState
     torques: tuple[Scalar, Scalar]
@@ -145,14 +132,14 @@ class _State(NamedTuple):
 def contraction(stiffness_at: Callable[[Scalar], Scalar], wanted: Scalar, reach: Scalar) -> Scalar:
     """Return the δ in [0, reach] at which an undeflected joint has a stiffness that grows with δ [rad]."""
 
-    def halve(ends: tuple[Scalar, Scalar], _: Scalar) -> tuple[tuple[Scalar, Scalar], None]:
+    def halve(ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
         low, high = ends
         middle = 0.5 * (low + high)
         is_low = stiffness_at(middle) < wanted
-        return (jnp.where(is_low, middle, low), jnp.where(is_low, high, middle)), None
+        return jnp.where(is_low, middle, low), jnp.where(is_low, high, middle)
 
     whole = (jnp.zeros_like(wanted), reach + jnp.zeros_like(wanted))
-    low, high = rollout.scan(halve, whole, jnp.zeros(_HALVINGS), segment=_HALVINGS)[0]
+    low, high = rollout.repeat(halve, whole, times=_HALVINGS)
     return 0.5 * (low + high)
 
 
@@ -248,7 +235,7 @@ def simulate(loop: AntagonisticLoop, *, key: Key[Array, ""], substeps: int = 20)
     return CoContractedMotion(time, *rollout.scan(step, start, (time, intervals, noise))[1])
 
 
-def score(loop: AntagonisticLoop, *, key: Key[Array, ""], substeps: int = 20) -> CoContractedScores:
+def score(loop: AntagonisticLoop, *, key: Key[Array, ""], substeps: int = 20) -> EstimatedScores:
     """Return how an antagonistic loop came to rest, and how good its estimate was; arguments as of `simulate`."""
     motion, scorer, duration = simulate(loop, key=key, substeps=substeps), loop.scorer, loop.clock.duration
     middle, half = 0.5 * (loop.soft + loop.stiff), 0.5 * (loop.stiff - loop.soft)
@@ -260,17 +247,15 @@ def score(loop: AntagonisticLoop, *, key: Key[Array, ""], substeps: int = 20) ->
         ((motion.wanted - middle) / half,),
         ((motion.given - middle) / half,),
     )
-    first = scorer.init(jax.tree.map(lambda x: x[0], swept))
-
-    def count(state: Any, one: Swept) -> tuple[Any, None]:
-        return scorer.step(state, one, band_energy=0.5 * middle * scorer.band**2, duration=duration), None
-
-    swing = scorer.scores(rollout.scan(count, first, swept)[0], duration=duration)
-    followed = motion.known > 0.0
-    relative = (motion.stiffness - motion.estimate) / motion.stiffness
-    number = jnp.sum(followed)
-    msrep = 100.0 * jnp.sum(jnp.where(followed, relative**2, 0.0)) / jnp.where(number > 0, number, jnp.nan)
-    return CoContractedScores(swing, msrep, jnp.min(jnp.where(followed, motion.time, jnp.inf)))
+    return score_estimated(
+        scorer,
+        swept,
+        band_energy=0.5 * middle * scorer.band**2,
+        duration=duration,
+        stiffness=motion.stiffness,
+        estimate=motion.estimate,
+        followed=motion.known > 0.0,
+    )
 
 
 def _slope(side: Any, state: Any, deflection: Scalar) -> Scalar:

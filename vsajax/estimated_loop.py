@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Bool, Float, Key
 
 from vsajax import rollout
 from vsajax.closed_loop import ControlLoop
 from vsajax.estimators import StiffnessEstimator
 from vsajax.numerics import dot, safe_divide
 from vsajax.plants import SwitchedState
-from vsajax.settling import Swept, SwingScores
+from vsajax.settling import Swept, SwingScorer, SwingScores
 from vsajax.types import Command, Sample, Scalar, Series, Swing, as_leaf
 
 
@@ -85,12 +85,12 @@ class EstimatedMotion(NamedTuple):
 
 
 class EstimatedScores(NamedTuple):
-    """How an estimated loop came to rest, and how good the estimate was.
+    """How a loop came to rest whose stiffness is estimated, and how good the estimate was.
 
     Args:
         swing: the loop's scores.
-        msrep: mean squared relative error of the stiffness from where it was first known on [%]; NaN if never.
-        known_time: when that was [s]; infinite if never.
+        msrep: mean squared relative error of the stiffness where the estimate was followed [%]; NaN if never.
+        known_time: when it first was [s]; infinite if never.
     """
 
     swing: SwingScores
@@ -169,18 +169,48 @@ def score(joint: EstimatedLoop, *, key: Key[Array, ""]) -> EstimatedScores:
         ((motion.wanted - middle) / half,),
         ((motion.stiffness - middle) / half,),
     )
+    return score_estimated(
+        scorer,
+        swept,
+        band_energy=0.5 * middle * scorer.band**2,
+        duration=duration,
+        stiffness=motion.stiffness,
+        estimate=motion.estimate,
+        followed=jnp.cumsum(motion.known) > 0.0,
+    )
+
+
+def score_estimated(
+    scorer: SwingScorer,
+    swept: Swept,
+    *,
+    band_energy: Scalar,
+    duration: float,
+    stiffness: Series,
+    estimate: Series,
+    followed: Bool[Array, " time"],
+) -> EstimatedScores:
+    """Return the scores of a whole motion, and those of the estimate in it.
+
+    Args:
+        scorer: how the motion is judged.
+        swept: the motion, with a leading time axis.
+        band_energy: as of `SwingScorer.step` [J].
+        duration: of the motion [s].
+        stiffness: the true one [N·m/rad].
+        estimate: of it [N·m/rad].
+        followed: where it counts.
+    """
     first = scorer.init(jax.tree.map(lambda x: x[0], swept))
 
     def count(state: Any, one: Swept) -> tuple[Any, None]:
-        return scorer.step(state, one, band_energy=0.5 * middle * scorer.band**2, duration=duration), None
+        return scorer.step(state, one, band_energy=band_energy, duration=duration), None
 
     swing = scorer.scores(rollout.scan(count, first, swept)[0], duration=duration)
-    relative = (motion.stiffness - motion.estimate) / motion.stiffness
-    followed = jnp.cumsum(motion.known) > 0.0
+    relative = (stiffness - estimate) / stiffness
     number = jnp.sum(followed)
     msrep = 100.0 * jnp.sum(jnp.where(followed, relative**2, 0.0)) / jnp.where(number > 0, number, jnp.nan)
-    known_time = jnp.min(jnp.where(followed, motion.time, jnp.inf))
-    return EstimatedScores(swing, msrep, known_time)
+    return EstimatedScores(swing, msrep, jnp.min(jnp.where(followed, swept.time, jnp.inf)))
 
 
 def _law_of(estimator: StiffnessEstimator, state: Any, deflection: Float[Array, ""]) -> PresetLaw:
