@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+import scipy
 from jaxtyping import Array, Float
 
 from tuning.axes import Bounds
@@ -43,6 +46,11 @@ class Space(eqx.Module):
     def size(self) -> int:
         """Number of dimensions."""
         return len(self.paths)
+
+    def sobol_shares(self, count: int, seed: int) -> np.ndarray:
+        """Return `(count, n)` scrambled Sobol points in [0, 1), drawn from the next power of two."""
+        sampler = scipy.stats.qmc.Sobol(self.size, rng=np.random.default_rng(seed))
+        return sampler.random_base2(math.ceil(math.log2(count)))[:count]
 
     def at_share(self, share: Vector) -> dict[str, Float[Array, ""]]:
         """Return the numbers at shares of the way between the bounds."""

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pyarrow.parquet as pq
-import scipy
 
 from tuning.control_problem import AnyProblem, problem_of
 from tuning.descent import Algorithm
@@ -121,8 +120,7 @@ class Search:
     def sobol_points(self) -> np.ndarray:
         """Return `screen` scrambled Sobol points of the space, `(point, parameter)`."""
         count = max(self.study.tune.screen, self.study.tune.starts)
-        sampler = scipy.stats.qmc.Sobol(self.space.size, rng=np.random.default_rng(self.study.seed))
-        shares = sampler.random_base2(math.ceil(math.log2(count)))[:count]
+        shares = self.space.sobol_shares(count, self.study.seed)
         return self._numbers(jax.vmap(self.space.at_share)(jnp.asarray(shares)))
 
     def grid_points(self) -> np.ndarray:

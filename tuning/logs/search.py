@@ -14,7 +14,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy
 from jaxtyping import Array, Bool, Float
 
 from tuning.build import build_estimator, number
@@ -153,9 +152,7 @@ class LogSearch:
     def screened(self) -> np.ndarray:
         """Return the unbounded vectors that are tried first: the study's own, and Sobol points."""
         own = {path: jnp.asarray(numeric_paths(self.study)[path]) for path in self.space.paths}
-        sampler = scipy.stats.qmc.Sobol(self.space.size, rng=np.random.default_rng(self.study.seed))
-        shares = sampler.random_base2(math.ceil(math.log2(self.study.tune.screen)))[: self.study.tune.screen]
-        shares = np.clip(shares, 1e-3, 1.0 - 1e-3)
+        shares = np.clip(self.space.sobol_shares(self.study.tune.screen, self.study.seed), 1e-3, 1.0 - 1e-3)
         return np.concatenate([np.asarray(self.space.unconstrain(own))[None], np.log(shares / (1.0 - shares))])
 
     def run(self, *, quiet: bool = False) -> TunedLog:
