@@ -9,8 +9,8 @@ from pathlib import Path
 _DEVICES = "--xla_force_host_platform_device_count"
 _LLVM = "--xla_backend_extra_options"
 _LLVM_OPTIONS = "-unroll-full-max-count=8,-post-RA-scheduler=0"
-"""LLVM unrolls short inner loops, such as those over a covariance's columns, into scalar code before it would
-vectorise them; fewer unrolled turns leave them to the vectoriser (estimator, d = 18: a third faster). Its second
+"""LLVM unrolls short inner loops, such as those over the lanes of a chunk, into scalar code before it would
+vectorise them; fewer unrolled turns leave them to the vectoriser (estimator, d = 18: a fifth faster). Its second
 scheduler looks at every pair of loads and stores of a sample: a tenth of LLVM's time (perf), and no gain."""
 
 

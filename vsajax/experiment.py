@@ -193,8 +193,8 @@ def agreement(estimator: StiffnessEstimator, recording: Recording) -> tuple[Seri
 
     def step(state: LagState, inputs: tuple[Scalar, Scalar]) -> tuple[LagState, Scalar]:
         deflection, dt = inputs
-        state = lagged(state, (deflection,), gain, dt)
+        state = lagged(state, deflection[None], gain, dt)
         return state, state.outputs[0]
 
     inputs = (signals.deflection, recording.samples().dt)
-    return signals.torque, rollout.scan(step, start_lag((signals.deflection[0],)), inputs)[1]
+    return signals.torque, rollout.scan(step, start_lag(signals.deflection[:1]), inputs)[1]

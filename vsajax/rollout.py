@@ -18,7 +18,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import PyTree
 
-LANES_PER_CHUNK = 64
+LANES_PER_CHUNK = 32
 Dimension = Any
 """An int, a symbolic dimension while a program of any length is exported, or `None`."""
 

@@ -248,7 +248,7 @@ def _simplify(primitive: str, given: list[Atom], aval: Any) -> Atom | None:
         fits = tuple(atom.shape) == tuple(aval.shape) and np.dtype(atom.dtype) == np.dtype(aval.dtype)
         return atom if fits else None
 
-    if primitive in {"convert_element_type", "copy", "stop_gradient", "copy_p"}:
+    if primitive in {"convert_element_type", "copy", "stop_gradient", "copy_p", "lanes_minor"}:
         return kept(given[0])
     if primitive == "mul":
         if is_all(given[0], 1.0):

@@ -24,7 +24,7 @@ from vsajax.estimators.bases import AbstractBasis
 from vsajax.estimators.gate import ExcitationGate, GateState
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.velocity import AbstractVelocityFilter
-from vsajax.numerics import once, safe_sqrt
+from vsajax.numerics import Vector, lanes_minor, once, safe_sqrt
 from vsajax.types import Estimate, Sample, Scalar, Signals, as_leaf
 
 _WHOLE = 1.0 - 1e-6
@@ -130,7 +130,7 @@ class AlgebraicObserver(AbstractEstimator):
         return RingState(
             held * position * full,
             held * torque * full,
-            held * full[:, None] * jnp.stack(features),
+            held * full[:, None] * features,
             jnp.zeros_like(position),
             self._start(sample),
         )
@@ -140,7 +140,7 @@ class AlgebraicObserver(AbstractEstimator):
         position, torque, features = self._signals(sample)
         positions = _push(state.positions, position)
         torques = _push(state.torques, torque)
-        rows = _push(state.features, jnp.stack(features))
+        rows = _push(state.features, features)
         on_position, on_torque, on_features = self._responses()
         seen = state.seen + 1.0
         regression = Regression(
@@ -165,12 +165,12 @@ class AlgebraicObserver(AbstractEstimator):
         rows = Regression(
             samples,
             windows.convolve((on_position, on_torque), (from_rest(position), from_rest(torque))),
-            tuple(windows.convolve((on_features,), (from_rest(feature),)) for feature in features),
+            tuple(windows.convolve((on_features,), (from_rest(feature),)) for feature in features.T),
             self._share(count),
         )
         return Prepared(self._start(jax.tree.map(lambda x: x[0], samples)), rows, self._fit)
 
-    def _signals(self, sample: Sample) -> tuple[Scalar, Scalar, tuple[Scalar, ...]]:
+    def _signals(self, sample: Sample) -> tuple[Scalar, Scalar, Vector]:
         """Return the joint-side motor position and torque, and the features."""
         position = sample.read("motor_position")
         deflection = sample.read("link_position") - position
@@ -222,9 +222,8 @@ class AlgebraicObserver(AbstractEstimator):
             weight = weight * jnp.sqrt(self.sample_time / self._span)
         elif self.weighting == "continuous":
             weight = weight * jnp.sqrt(self.sample_time)
-        fit, factor = self.fit.step(
-            state.fit, tuple(weight * feature for feature in row.features), weight * row.target
-        )
+        regressors = lanes_minor(weight * jnp.stack(row.features))
+        fit, factor = self.fit.step(state.fit, regressors, weight * row.target)
         # The empty rows of an incomplete window are no samples: counted, they would make the first answers look
         # certain.
         fit = fit._replace(weight=fit.weight - (1.0 - row.share))

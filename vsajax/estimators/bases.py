@@ -12,9 +12,8 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 
+from vsajax.numerics import Vector, lanes_minor
 from vsajax.types import Scalar, as_leaf
-
-Vector = tuple[Scalar, ...]
 
 
 class AbstractBasis(eqx.Module):
@@ -83,16 +82,16 @@ class SeparableOddPolynomial(AbstractBasis):
         exponents = [2 * i + 1 for i in range(self.deflection_terms)]
         if self.deflection_offset:
             exponents += [2 * i for i in range(self.deflection_terms)]
-        inner = [powers[e] for e in exponents]
-        slopes = [e * powers[max(e - 1, 0)] / self.deflection_scale for e in exponents]
+        inner = _vector([powers[e] for e in exponents])
+        slopes = _vector([e * powers[max(e - 1, 0)] / self.deflection_scale for e in exponents])
         unit = 1000.0 if self.setpoint_unit == "mm" else 1.0
-        outer = _powers(unit * (self.setpoint_origin + self.setpoint_scale * setpoint), self.setpoint_terms - 1)
-        features = [s * x for s in outer for x in inner]
-        derivatives = [s * x for s in outer for x in slopes]
+        lever = unit * (self.setpoint_origin + self.setpoint_scale * setpoint)
+        outer = _vector(_powers(lever, self.setpoint_terms - 1))
+        features = (outer[:, None] * inner[None, :]).reshape(-1)
+        derivatives = (outer[:, None] * slopes[None, :]).reshape(-1)
         if self._has_constant:
-            features.append(jnp.ones_like(deflection))
-            derivatives.append(jnp.zeros_like(deflection))
-        return tuple(features), tuple(derivatives)
+            features, derivatives = jnp.append(features, 1.0), jnp.append(derivatives, 0.0)
+        return lanes_minor(features), lanes_minor(derivatives)
 
     @property
     def _has_constant(self) -> bool:
@@ -126,7 +125,7 @@ class Polynomial(AbstractBasis):
         powers = _powers(deflection / self.deflection_scale, self.order)
         slopes = [jnp.zeros_like(deflection)]
         slopes += [e * powers[e - 1] / self.deflection_scale for e in range(1, self.order + 1)]
-        return tuple(powers), tuple(slopes)
+        return _vector(powers), _vector(slopes)
 
 
 class Taylor(AbstractBasis):
@@ -154,7 +153,7 @@ class Taylor(AbstractBasis):
         """Return the features and their slopes."""
         powers = _powers(deflection / self.deflection_scale, self.order + 1)
         terms = [power / math.factorial(i) for i, power in enumerate(powers)]
-        return tuple(terms[1:]), tuple(term / self.deflection_scale for term in terms[:-1])
+        return _vector(terms[1:]), _vector([term / self.deflection_scale for term in terms[:-1]])
 
 
 class Legendre(AbstractBasis):
@@ -191,7 +190,7 @@ class Legendre(AbstractBasis):
             # Bonnet's recursion, and P'ₙ₊₁ = P'ₙ₋₁ + (2n + 1) Pₙ.
             values.append(((2 * n + 1) * x * values[n] - n * values[n - 1]) / (n + 1))
             slopes.append(slopes[n - 1] + (2 * n + 1) * values[n])
-        return tuple(values), tuple(stretch * s for s in slopes)
+        return _vector(values), _vector([stretch * s for s in slopes])
 
 
 def _powers(x: Scalar, highest: int) -> list[Scalar]:
@@ -199,3 +198,7 @@ def _powers(x: Scalar, highest: int) -> list[Scalar]:
     for _ in range(highest):
         powers.append(powers[-1] * x)
     return powers
+
+
+def _vector(entries: list[Scalar]) -> Vector:
+    return lanes_minor(jnp.stack(entries))

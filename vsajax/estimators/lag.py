@@ -9,23 +9,23 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from vsajax.numerics import once
+from vsajax.numerics import Vector, lanes_minor, once
 from vsajax.types import Scalar
 
 
 class LagState(NamedTuple):
     """What came out, and what went in, at the last sample."""
 
-    outputs: tuple[Scalar, ...]
-    inputs: tuple[Scalar, ...]
+    outputs: Vector
+    inputs: Vector
 
 
-def start_lag(values: tuple[Scalar, ...]) -> LagState:
+def start_lag(values: Vector) -> LagState:
     """Return the state before the first sample: nothing has come out yet, as of a residual observer at rest."""
-    return LagState(tuple(jnp.zeros_like(x) for x in values), values)
+    return LagState(jnp.zeros_like(values), values)
 
 
-def lagged(state: LagState, values: tuple[Scalar, ...], gain: Scalar, dt: Scalar) -> LagState:
+def lagged(state: LagState, values: Vector, gain: Scalar, dt: Scalar) -> LagState:
     """Return the state whose outputs are values through the first-order lag K / (s + K), by the trapezoidal rule.
 
     y(k) = ((2 − TK) y(k−1) + TK (x(k) + x(k−1))) / (2 + TK): to rounding what the residual observer (8) of Flacco
@@ -40,8 +40,5 @@ def lagged(state: LagState, values: tuple[Scalar, ...], gain: Scalar, dt: Scalar
     """
     gain_step = gain * dt
     scale = 1.0 / (2.0 + gain_step)
-    outputs = tuple(
-        ((2.0 - gain_step) * y + gain_step * (x + before)) * scale
-        for y, x, before in zip(state.outputs, values, state.inputs, strict=True)
-    )
-    return LagState(once(outputs), values)
+    outputs = ((2.0 - gain_step) * state.outputs + gain_step * (values + state.inputs)) * scale
+    return LagState(once(lanes_minor(outputs)), values)

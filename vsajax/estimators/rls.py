@@ -26,13 +26,15 @@ import jax
 import jax.numpy as jnp
 
 from vsajax.numerics import (
-    Rows,
-    combine_rows,
+    Matrix,
+    Vector,
     dot,
+    lanes_minor,
     once,
     rank_one_downdate,
-    scaled_identity,
-    scaled_symmetric_part,
+    sum_of_squares,
+    symmetric_product,
+    trace,
     with_slope,
 )
 from vsajax.types import Scalar, as_leaf, require_float64
@@ -185,15 +187,15 @@ class FitState(NamedTuple):
 
     Args:
         coefficients: η.
-        covariance: P as rows.
+        covariance: P.
         squares: Σ e².
         products: Σ e(k) e(k−1).
         weight: Σ 1, the number of samples in memory.
         last: e(k−1).
     """
 
-    coefficients: tuple[Scalar, ...]
-    covariance: Rows
+    coefficients: Vector
+    covariance: Matrix
     squares: Scalar
     products: Scalar
     weight: Scalar
@@ -220,28 +222,26 @@ class RecursiveLeastSquares(eqx.Module):
         require_float64("recursive least squares")
         zero = jnp.zeros_like(self.prior_scale)
         scale = jax.lax.stop_gradient(self.prior_scale) if self.law.is_ridge else self.prior_scale
-        return FitState((zero,) * size, scaled_identity(scale, size), zero, zero, zero, zero)
+        covariance = lanes_minor(scale * jnp.eye(size, dtype=scale.dtype))
+        return FitState(lanes_minor(jnp.full((size,), zero)), covariance, zero, zero, zero, zero)
 
-    def step(self, state: FitState, features: tuple[Scalar, ...], target: Scalar) -> tuple[FitState, Scalar]:
+    def step(self, state: FitState, features: Vector, target: Scalar) -> tuple[FitState, Scalar]:
         """Use one sample; return (state, stability factor a)."""
-        column = once(combine_rows(state.covariance, features))
-        entries = tuple(column[i] for i in range(len(features)))
-        leverage = dot(features, entries)
+        column = symmetric_product(state.covariance, features)
+        leverage = dot(features, column)
         factor, inflation, spread = self.law(leverage)
         gain = once(factor / (1.0 + leverage))
         innovation = once(target - dot(features, state.coefficients))
         correction = once(gain * innovation)
-        spread = self._with_prior(spread, lambda: dot(entries, entries))
-        seen = self._with_prior(innovation, lambda: -dot(entries, state.coefficients))
+        spread = self._with_prior(spread, lambda: dot(column, column))
+        seen = self._with_prior(innovation, lambda: -dot(column, state.coefficients))
         normalised = once(seen * once(1.0 / jnp.sqrt(spread)))
         memory = self.law.memory()
         covariance = rank_one_downdate(state.covariance, column, gain)
         if inflation is not None:
-            # The downdate is symmetric and leaves what rounding makes asymmetric; inflated at every sample, that
-            # would outgrow P within some 37/(1 − λ) samples.
-            covariance = scaled_symmetric_part(covariance, inflation)
+            covariance = lanes_minor(inflation * covariance)
         state = FitState(
-            tuple(eta + correction * entry for eta, entry in zip(state.coefficients, entries, strict=True)),
+            lanes_minor(state.coefficients + correction * column),
             covariance,
             memory * state.squares + normalised * normalised,
             memory * state.products + normalised * state.last,
@@ -250,14 +250,14 @@ class RecursiveLeastSquares(eqx.Module):
         )
         return state, factor
 
-    def predict(self, state: FitState, direction: tuple[Scalar, ...]) -> Scalar:
+    def predict(self, state: FitState, direction: Vector) -> Scalar:
         """Return directionᵀη."""
         value = dot(direction, state.coefficients)
         return self._with_prior(
-            value, lambda: dot(tuple(combine_rows(state.covariance, direction)), state.coefficients)
+            value, lambda: dot(symmetric_product(state.covariance, direction), state.coefficients)
         )
 
-    def variance(self, state: FitState, direction: tuple[Scalar, ...]) -> Scalar:
+    def variance(self, state: FitState, direction: Vector) -> Scalar:
         """Return the posterior variance of directionᵀη.
 
         Var = s² · f · directionᵀ P' direction, where s² is the innovations' variance and f = (1 + r)/(1 − r)
@@ -265,7 +265,7 @@ class RecursiveLeastSquares(eqx.Module):
         far fewer independent samples than the recording has. Infinite until there are more samples than
         coefficients.
         """
-        column = tuple(combine_rows(state.covariance, direction))
+        column = symmetric_product(state.covariance, direction)
         spread = self._with_prior(dot(direction, column), lambda: dot(column, column)) * self.law.posterior_scale()
         freedom = state.weight - len(direction)
         noise = state.squares / jnp.maximum(freedom, 1.0)
@@ -280,13 +280,8 @@ class RecursiveLeastSquares(eqx.Module):
         A coefficient counts 1 once the data fix it, and 0 while it is what the prior says. With forgetting the
         covariance of a direction that is no longer excited outgrows the prior; the count stops at 0.
         """
-        rows = state.covariance
-        ones = [jnp.ones_like(state.weight)] * len(rows)
-        trace = dot([rows[i][i] for i in range(len(rows))], ones)
-        squares = sum((row * row for row in rows[1:]), rows[0] * rows[0])
-        total = dot([squares[i] for i in range(len(rows))], ones)
-        trace = self._with_prior(trace, lambda: total)
-        return jnp.maximum(len(rows) - trace / self.prior_scale, 0.0)
+        undetermined = self._with_prior(trace(state.covariance), lambda: sum_of_squares(state.covariance))
+        return jnp.maximum(state.covariance.shape[0] - undetermined / self.prior_scale, 0.0)
 
     def _with_prior(self, value: Scalar, slope: Callable[[], Scalar]) -> Scalar:
         """Return `value`, its derivative in κ being `slope` / κ² where the fit is ridge regression."""

@@ -52,8 +52,8 @@ def run_fit(
 
     def step(state: FitState, inputs: tuple[jax.Array, jax.Array]):
         row, target = inputs
-        state, factor = fit.step(state, tuple(row), target)
-        return state, (jnp.stack(state.coefficients), factor)
+        state, factor = fit.step(state, row, target)
+        return state, (state.coefficients, factor)
 
     inputs = (jnp.asarray(features), jnp.asarray(targets))
     state, (coefficients, factors) = rollout.scan(step, fit.init(features.shape[1]), inputs)

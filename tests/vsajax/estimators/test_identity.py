@@ -36,7 +36,7 @@ def experiment():
 def stiffness(fit, experiment):
     features, slopes, targets = experiment
     state, coefficients, factors = run_fit(fit, features, targets)
-    return np.sum(np.asarray(coefficients) * slopes, axis=1), np.stack(state.covariance), np.asarray(factors)
+    return np.sum(np.asarray(coefficients) * slopes, axis=1), np.asarray(state.covariance), np.asarray(factors)
 
 
 @pytest.mark.parametrize("prior_scale", [1.0, 1e-2, 1e2])
@@ -65,7 +65,7 @@ def test_gains_and_estimates_follow_from_the_covariance_alone(experiment):
     # η̂(k) = P(k) b(k) with b = Σ F y: shared gains make every further torque signal two dot products a sample.
     features, _, targets = experiment
     state, coefficients, _ = run_fit(RecursiveLeastSquares(1.0), features, targets)
-    from_covariance = np.stack(state.covariance) @ (features.T @ targets)
+    from_covariance = np.asarray(state.covariance) @ (features.T @ targets)
     slopes = experiment[1][-1]
     # Theory page: 1e-12 relative at κ = 1 (measured), from cancellation in P·b.
     np.testing.assert_allclose(slopes @ from_covariance, slopes @ np.asarray(coefficients[-1]), rtol=1e-10)

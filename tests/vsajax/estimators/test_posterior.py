@@ -21,7 +21,7 @@ RELATIVE = 1e-11
 
 
 def variance(fit, state, direction=DIRECTION):
-    return float(fit.variance(state, tuple(jnp.asarray(direction))))
+    return float(fit.variance(state, jnp.asarray(direction)))
 
 
 def innovations(features, targets, prior, memory=1.0):
