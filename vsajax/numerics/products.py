@@ -58,5 +58,5 @@ def sum_of_squares(matrix: Matrix) -> Scalar:
     return _sum(jnp.unstack(_sum(jnp.unstack(matrix * matrix))))
 
 
-def _sum[Value: Array](terms: Sequence[Value]) -> Value:
+def _sum(terms: Sequence[Array]) -> Array:
     return functools.reduce(operator.add, terms)
