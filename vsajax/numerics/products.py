@@ -8,7 +8,6 @@ vectorise over lanes on CPU.
 from __future__ import annotations
 
 import functools
-import operator
 from collections.abc import Sequence
 
 import jax
@@ -59,4 +58,4 @@ def sum_of_squares(matrix: Matrix) -> Scalar:
 
 
 def _sum(terms: Sequence[Array]) -> Array:
-    return functools.reduce(operator.add, terms)
+    return functools.reduce(lambda total, term: total + term, terms)
