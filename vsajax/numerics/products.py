@@ -42,8 +42,9 @@ def symmetric_product(matrix: Matrix, vector: Vector) -> Vector:
 
 
 def rank_one_downdate(matrix: Matrix, vector: Vector, weight: Scalar) -> Matrix:
-    """Return M − weight · v vᵀ; symmetric to the last bit where M is."""
-    return lanes_minor(matrix - weight * (vector[:, None] * vector[None, :]))
+    """Return M − weight · v vᵀ, weight > 0; symmetric to the last bit where M is, with one product an entry."""
+    root = once(lanes_minor(jnp.sqrt(weight) * vector))
+    return lanes_minor(matrix - root[:, None] * root[None, :])
 
 
 def trace(matrix: Matrix) -> Scalar:
