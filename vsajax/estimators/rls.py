@@ -32,6 +32,7 @@ from vsajax.numerics import (
     lanes_minor,
     once,
     rank_one_downdate,
+    scaled_symmetric_part,
     sum_of_squares,
     symmetric_product,
     trace,
@@ -239,7 +240,9 @@ class RecursiveLeastSquares(eqx.Module):
         memory = self.law.memory()
         covariance = rank_one_downdate(state.covariance, column, gain)
         if inflation is not None:
-            covariance = lanes_minor(inflation * covariance)
+            # The downdate is symmetric and leaves what rounding makes asymmetric; inflated at every sample, that
+            # would outgrow P within some 37/(1 − λ) samples.
+            covariance = scaled_symmetric_part(covariance, inflation)
         state = FitState(
             lanes_minor(state.coefficients + correction * column),
             covariance,

@@ -42,9 +42,14 @@ def symmetric_product(matrix: Matrix, vector: Vector) -> Vector:
 
 
 def rank_one_downdate(matrix: Matrix, vector: Vector, weight: Scalar) -> Matrix:
-    """Return M − weight · v vᵀ, weight > 0; symmetric to the last bit where M is, with one product an entry."""
-    root = once(lanes_minor(jnp.sqrt(weight) * vector))
-    return lanes_minor(matrix - root[:, None] * root[None, :])
+    """Return M − weight · v vᵀ."""
+    scaled = once(lanes_minor(weight * vector))
+    return lanes_minor(matrix - scaled[:, None] * vector[None, :])
+
+
+def scaled_symmetric_part(matrix: Matrix, scale: Scalar) -> Matrix:
+    """Return scale · (M + Mᵀ)/2, for recursions that would otherwise magnify the asymmetry of rounding."""
+    return lanes_minor(0.5 * scale * (matrix + matrix.T))
 
 
 def trace(matrix: Matrix) -> Scalar:

@@ -198,6 +198,7 @@ def test_a_sweep_is_forecast_run_and_reported(vsajax, tiny, tmp_path, monkeypatc
     assert "go on with --resume" in vsajax(*words).err
 
 
+@pytest.mark.slow
 @pytest.mark.cli
 def test_a_study_is_tuned_and_the_best_is_exported(vsajax, tiny, tmp_path, monkeypatch):
     words = ("tune", tiny, "-o", tmp_path / "tune", "--starts", "1", "--budget", "2")

@@ -66,6 +66,7 @@ def test_an_fmu_is_complete_and_was_run(vsajax, tmp_path):
     assert_complete(exported(vsajax, "fmi2", tmp_path, "--duration", "0.1"), tmp_path)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.cli
 @pytest.mark.equivalence
