@@ -289,7 +289,7 @@ def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
     if high < 30 * low:
         # Less than a decade and a half: the minor ticks carry the numbers.
         axis.xaxis.set_minor_formatter(FormatStrFormatter("%g"))
-        axis.tick_params(axis="x", which="minor", labelsize=7)
+        axis.tick_params(axis="x", which="both", labelsize=7)
     axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_xlabel(_OBJECTIVES[objective])
     axis.set_ylabel("share of held-out\nscenarios below [%]")

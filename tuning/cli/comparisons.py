@@ -1,0 +1,188 @@
+"""Comparing configurations on the same scenarios: those of given files, or the best of every option of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tuning.cli.options import (
+    JSON,
+    QUIET,
+    RESUME,
+    RUN,
+    SEED,
+    SETTINGS,
+    STUDY,
+    emit,
+    table,
+    with_seed,
+)
+
+if TYPE_CHECKING:
+    from tuning.compare import Contender
+    from tuning.study import Study
+
+
+@click.command(epilog="Example: vsajax contest configs/contests/damping.toml -o runs/contest")
+@STUDY
+@RUN
+@click.option(
+    "--method", type=click.Choice(["cmaes", "tpe"]), default="cmaes", show_default=True, help="Of every search."
+)
+@click.option(
+    "--trials", type=click.IntRange(min=1), default=128, show_default=True, help="Of every contestant's search."
+)
+@click.option(
+    "--batch", type=click.IntRange(min=4), default=16, show_default=True, help="Trials run side by side."
+)
+@SETTINGS
+@SEED
+@RESUME
+@JSON
+@QUIET
+def contest(
+    study: Path,
+    folder: Path,
+    method: Any,
+    trials: int,
+    batch: int,
+    settings: tuple[str, ...],
+    seed: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Tune every option of STUDY's choices by as many trials, and compare them on held-out scenarios.
+
+    The one that is best on the training scenarios is what the others are paired with.
+    """
+    from tuning.study import load_study
+
+    loaded = load_study(study, with_seed(settings, seed))
+    from tuning.runtime import start_jax
+
+    start_jax()
+    from tuning.contest import contest as hold_contest
+
+    entrants = hold_contest(
+        loaded,
+        folder,
+        method=method,
+        trials=trials,
+        batch=batch,
+        resume=resume,
+        quiet=quiet,
+        place=str(study),
+    )
+    found = {entrant.name: entrant.judged for entrant in entrants if entrant.judged is not None}
+    rows, lines, picture = _compared(loaded, list(found.values()), list(found), folder / "compare")
+    for row, entrant in zip(rows, entrants, strict=True):
+        row |= {"config": entrant.name, "best": entrant.path, "values": entrant.values, "train": entrant.train}
+    emit(
+        {"run": folder, "compare": folder / "compare", "picture": picture, "configs": rows},
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: f"{lines()}\nwrote {folder}/*/best.toml, {folder / 'compare'} and {picture}",
+    )
+
+
+@click.command(epilog="Example: vsajax compare a.toml runs/t/best.toml -s study.toml -o runs/duel")
+@click.argument("configs", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option(
+    "-s", "--study", type=click.Path(path_type=Path), required=True, help="Joint, excitation, noise, scores."
+)
+@RUN
+@click.option("--scenarios", type=click.IntRange(min=2), help="Held-out noise draws.")
+@SETTINGS
+@SEED
+@RESUME
+@JSON
+@QUIET
+def compare(
+    configs: tuple[Path, ...],
+    study: Path,
+    folder: Path,
+    scenarios: int | None,
+    settings: tuple[str, ...],
+    seed: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Score the estimators of CONFIGS on the same scenarios of one study, paired with the first of them."""
+    from tuning.compare import compare as run_comparison
+    from tuning.compare import contenders
+    from tuning.study import load_config, load_study
+
+    own = [*settings, *([] if scenarios is None else [f"scenarios.held_out={scenarios}"])]
+    loaded = load_study(study, with_seed(own, seed))
+    studies = contenders({str(path): load_config(path) for path in configs}, loaded, str(study))
+    from tuning.runtime import start_jax
+
+    start_jax()
+    found = run_comparison(studies, folder, resume=resume, quiet=quiet)
+    rows, lines, picture = _compared(loaded, found, _labels(configs), folder)
+    emit(
+        {"run": folder, "picture": picture, "configs": rows},
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: f"{lines()}\nwrote {folder / 'results.parquet'} and {picture}",
+    )
+
+
+def _compared(
+    study: Study, found: Sequence[Contender], labels: Sequence[str], folder: Path
+) -> tuple[list[dict[str, Any]], Callable[[], str], Path]:
+    """Return rows of a comparison for machines, the same as text for people, and its picture in a run folder."""
+    from tuning.figures import draw_tuning, save
+    from tuning.judging import unit_of
+
+    objective = study.tune.objective
+    each = dict(zip(labels, (contender.judgement.each for contender in found), strict=True))
+    picture = save(draw_tuning(each, objective), folder / "figures" / "compare.png")
+    rows = [
+        {
+            "config": contender.name,
+            **contender.judgement.summary(),
+            "difference": contender.difference,
+            "difference_low": contender.low,
+            "difference_high": contender.high,
+            "wins": contender.wins,
+        }
+        for contender in found
+    ]
+
+    def text() -> str:
+        headers = [
+            "config",
+            f"{study.tune.statistic.label} {objective}{unit_of(objective)}",
+            "95 %",
+            "median",
+            "minus first",
+            "95 %",
+            "better than first",
+        ]
+        lines = [
+            [
+                c.name,
+                c.judgement.value,
+                f"{c.judgement.low:.4g} … {c.judgement.high:.4g}",
+                c.judgement.median,
+                c.difference,
+                f"{c.low:.4g} … {c.high:.4g}" if i else "–",
+                f"{100 * c.wins:.0f} % of {c.judgement.scenarios}" if i else "–",
+            ]
+            for i, c in enumerate(found)
+        ]
+        return table(headers, lines)
+
+    return rows, text, picture
+
+
+def _labels(paths: tuple[Path, ...]) -> list[str]:
+    """Return the files' names where they tell them apart, else the last two parts of their paths."""
+    names = [path.stem for path in paths]
+    return names if len(set(names)) == len(names) else ["/".join(path.parts[-2:]) for path in paths]
