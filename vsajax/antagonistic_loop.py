@@ -24,7 +24,7 @@ from vsajax.numerics import dot
 from vsajax.plants import AbstractSpring, AntagonisticJoint, Torques
 from vsajax.plants.splitting import MechanicalState, propagator, splitting_step
 from vsajax.sensing import Clock, Impact
-from vsajax.settling import Swept, SwingScorer
+from vsajax.settling import SwingScorer
 from vsajax.types import Sample, Scalar, Series, Swing, as_leaf
 
 _HALVINGS = 16
@@ -237,24 +237,16 @@ def simulate(loop: AntagonisticLoop, *, key: Key[Array, ""], substeps: int = 20)
 
 def score(loop: AntagonisticLoop, *, key: Key[Array, ""], substeps: int = 20) -> EstimatedScores:
     """Return how an antagonistic loop came to rest, and how good its estimate was; arguments as of `simulate`."""
-    motion, scorer, duration = simulate(loop, key=key, substeps=substeps), loop.scorer, loop.clock.duration
-    middle, half = 0.5 * (loop.soft + loop.stiff), 0.5 * (loop.stiff - loop.soft)
-    energy = 0.5 * loop.joint.link.inertia * motion.velocity**2 + 0.5 * middle * motion.position**2
-    swept = Swept(
-        motion.time,
-        jnp.abs(motion.position),
-        energy,
-        ((motion.wanted - middle) / half,),
-        ((motion.given - middle) / half,),
-    )
+    motion = simulate(loop, key=key, substeps=substeps)
     return score_estimated(
-        scorer,
-        swept,
-        band_energy=0.5 * middle * scorer.band**2,
-        duration=duration,
-        stiffness=motion.stiffness,
-        estimate=motion.estimate,
+        loop.scorer,
+        motion,
+        energy=0.5 * loop.joint.link.inertia * motion.velocity**2,
+        soft=loop.soft,
+        stiff=loop.stiff,
+        given=motion.given,
         followed=motion.known > 0.0,
+        duration=loop.clock.duration,
     )
 
 

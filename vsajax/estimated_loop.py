@@ -8,7 +8,7 @@ know plants and estimators; it is unbatched, users `vmap` it.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -156,61 +156,78 @@ def simulate(joint: EstimatedLoop, *, key: Key[Array, ""]) -> EstimatedMotion:
 def score(joint: EstimatedLoop, *, key: Key[Array, ""]) -> EstimatedScores:
     """Return how an estimated loop came to rest, and how good its estimate was."""
     loop, motion = joint.loop, simulate(joint, key=key)
-    scorer, duration = loop.scorer, loop.clock.duration
-    actuator = loop.plant.actuator
-    middle, half = 0.5 * (actuator.soft + actuator.stiff), 0.5 * (actuator.stiff - actuator.soft)
     velocity = jnp.gradient(motion.position, loop.clock.sample_time)
-    energy = jax.vmap(lambda q, v: loop.plant.mechanism.energy((q,), (v,)))(motion.position, velocity)
-    energy = energy + 0.5 * middle * motion.position**2
-    swept = Swept(
-        motion.time,
-        jnp.abs(motion.position),
-        energy,
-        ((motion.wanted - middle) / half,),
-        ((motion.stiffness - middle) / half,),
-    )
+    actuator = loop.plant.actuator
     return score_estimated(
-        scorer,
-        swept,
-        band_energy=0.5 * middle * scorer.band**2,
-        duration=duration,
-        stiffness=motion.stiffness,
-        estimate=motion.estimate,
+        loop.scorer,
+        motion,
+        energy=jax.vmap(lambda q, v: loop.plant.mechanism.energy((q,), (v,)))(motion.position, velocity),
+        soft=actuator.soft,
+        stiff=actuator.stiff,
+        given=motion.stiffness,
         followed=jnp.cumsum(motion.known) > 0.0,
+        duration=loop.clock.duration,
     )
+
+
+@runtime_checkable
+class _Motion(Protocol):
+    """What the scores read of a motion; arguments as of `EstimatedMotion`."""
+
+    @property
+    def time(self) -> Series: ...
+    @property
+    def position(self) -> Series: ...
+    @property
+    def wanted(self) -> Series: ...
+    @property
+    def stiffness(self) -> Series: ...
+    @property
+    def estimate(self) -> Series: ...
 
 
 def score_estimated(
     scorer: SwingScorer,
-    swept: Swept,
+    motion: _Motion,
     *,
-    band_energy: Scalar,
-    duration: float,
-    stiffness: Series,
-    estimate: Series,
+    energy: Series,
+    soft: Scalar,
+    stiff: Scalar,
+    given: Series,
     followed: Bool[Array, " time"],
+    duration: float,
 ) -> EstimatedScores:
     """Return the scores of a whole motion, and those of the estimate in it.
 
     Args:
         scorer: how the motion is judged.
-        swept: the motion, with a leading time axis.
-        band_energy: as of `SwingScorer.step` [J].
+        motion: of the loop.
+        energy: of the link, without the spring's [J].
+        soft: least stiffness that the controller may ask for [N·m/rad].
+        stiff: largest [N·m/rad].
+        given: the stiffness that answered what was wanted [N·m/rad].
+        followed: where the estimate counts.
         duration: of the motion [s].
-        stiffness: the true one [N·m/rad].
-        estimate: of it [N·m/rad].
-        followed: where it counts.
     """
+    middle, half = 0.5 * (soft + stiff), 0.5 * (stiff - soft)
+    swept = Swept(
+        motion.time,
+        jnp.abs(motion.position),
+        energy + 0.5 * middle * motion.position**2,
+        ((motion.wanted - middle) / half,),
+        ((given - middle) / half,),
+    )
     first = scorer.init(jax.tree.map(lambda x: x[0], swept))
+    band_energy = 0.5 * middle * scorer.band**2
 
     def count(state: Any, one: Swept) -> tuple[Any, None]:
         return scorer.step(state, one, band_energy=band_energy, duration=duration), None
 
     swing = scorer.scores(rollout.scan(count, first, swept)[0], duration=duration)
-    relative = (stiffness - estimate) / stiffness
+    relative = (motion.stiffness - motion.estimate) / motion.stiffness
     number = jnp.sum(followed)
     msrep = 100.0 * jnp.sum(jnp.where(followed, relative**2, 0.0)) / jnp.where(number > 0, number, jnp.nan)
-    return EstimatedScores(swing, msrep, jnp.min(jnp.where(followed, swept.time, jnp.inf)))
+    return EstimatedScores(swing, msrep, jnp.min(jnp.where(followed, motion.time, jnp.inf)))
 
 
 def _law_of(estimator: StiffnessEstimator, state: Any, deflection: Float[Array, ""]) -> PresetLaw:
