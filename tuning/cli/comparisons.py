@@ -19,6 +19,7 @@ from tuning.cli.options import (
     emit,
     table,
     with_seed,
+    with_trials,
 )
 
 if TYPE_CHECKING:
@@ -32,12 +33,7 @@ if TYPE_CHECKING:
 @click.option(
     "--method", type=click.Choice(["cmaes", "tpe"]), default="cmaes", show_default=True, help="Of every search."
 )
-@click.option(
-    "--trials", type=click.IntRange(min=1), default=128, show_default=True, help="Of every contestant's search."
-)
-@click.option(
-    "--batch", type=click.IntRange(min=4), default=16, show_default=True, help="Trials run side by side."
-)
+@with_trials("Of every contestant's search.", least_batch=4)
 @SETTINGS
 @SEED
 @RESUME

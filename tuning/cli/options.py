@@ -25,6 +25,19 @@ RUN = click.option(
 )
 
 
+def with_trials(whose: str, *, least_batch: int = 1) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the options of a search by trials: how many, and how many of them side by side."""
+    trials = click.option("--trials", type=click.IntRange(min=1), default=128, show_default=True, help=whose)
+    batch = click.option(
+        "--batch",
+        type=click.IntRange(min=least_batch),
+        default=16,
+        show_default=True,
+        help="Trials run side by side.",
+    )
+    return lambda command: trials(batch(command))
+
+
 def with_executor(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that `executor_for` takes."""
     executor = click.option(

@@ -20,6 +20,7 @@ from tuning.cli.options import (
     table,
     with_executor,
     with_seed,
+    with_trials,
 )
 
 if TYPE_CHECKING:
@@ -135,12 +136,7 @@ def _print_forecast(forecast: Any, *, as_json: bool, quiet: bool) -> None:
     "--starts", type=click.IntRange(min=1), help="Starts of the gradient; the first is the study itself."
 )
 @click.option("--budget", type=click.IntRange(min=0), help="Points screened before the gradient starts.")
-@click.option(
-    "--trials", type=click.IntRange(min=1), default=128, show_default=True, help="Of tpe, cmaes or pareto."
-)
-@click.option(
-    "--batch", type=click.IntRange(min=1), default=16, show_default=True, help="Trials run side by side."
-)
+@with_trials("Of tpe, cmaes or pareto.")
 @SETTINGS
 @SEED
 @RESUME
