@@ -13,6 +13,8 @@ import jaxtyping
 import numpy as np
 import pytest
 
+from tuning.runtime import with_lab_flags
+
 jax.config.update("jax_enable_x64", True)
 
 TESTS = Path(__file__).parent
@@ -22,13 +24,15 @@ Signals = dict[str, np.ndarray]
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add what run-time type checks may be left out by."""
-    words = "no run-time type checks of vsajax, as its users run it; tracing is a third faster"
+    words = "no run-time type checks of vsajax, and the lab's compiler flags, as its users run it"
     parser.addoption("--unchecked", action="store_true", help=words)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Check types at run time, from before anything imports `vsajax`."""
-    if not config.getoption("--unchecked"):
+    """Check types at run time, from before anything imports `vsajax`, or compile as the lab does."""
+    if config.getoption("--unchecked"):
+        os.environ["XLA_FLAGS"] = with_lab_flags(os.environ["XLA_FLAGS"])
+    else:
         jaxtyping.install_import_hook("vsajax", "beartype.beartype")
 
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 _DEVICES = "--xla_force_host_platform_device_count"
+_VECTORS = "--xla_cpu_prefer_vector_width"
 _LLVM = "--xla_backend_extra_options"
 _LLVM_OPTIONS = "-unroll-full-max-count=8,-post-RA-scheduler=0"
 """LLVM unrolls short inner loops, such as those over the lanes of a chunk, into scalar code before it would
@@ -25,15 +26,20 @@ def cache_folder() -> Path:
     return Path(base) / "vsajax"
 
 
+def with_lab_flags(flags: str) -> str:
+    """Return XLA's `flags` and those of the lab that they do not give themselves."""
+    # Vectors of eight numbers where the processor has them: XLA's own choice is four. A tenth to a quarter faster.
+    wanted = {_DEVICES: str(usable_cores()), _VECTORS: "512", _LLVM: _LLVM_OPTIONS}
+    missing = (f"{flag}={value}" for flag, value in wanted.items() if flag not in flags)
+    return " ".join([flags, *missing]).strip()
+
+
 def start_jax() -> None:
     """Configure jax for the lab; call it before anything computes.
 
     A host device a core must be asked for before jax' first computation. What the user's XLA_FLAGS give is kept.
     """
-    flags = os.environ.get("XLA_FLAGS", "")
-    wanted = {_DEVICES: str(usable_cores()), _LLVM: _LLVM_OPTIONS}
-    missing = (f"{flag}={value}" for flag, value in wanted.items() if flag not in flags)
-    os.environ["XLA_FLAGS"] = " ".join([flags, *missing]).strip()
+    os.environ["XLA_FLAGS"] = with_lab_flags(os.environ.get("XLA_FLAGS", ""))
     import jax
 
     jax.config.update("jax_enable_x64", True)

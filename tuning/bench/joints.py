@@ -39,9 +39,6 @@ MENARD = tuple(
 # Gear ratios, lever geometry and start stay: a population's spread of 10 % must not carry a lever through zero.
 _KEPT = ("gear_ratio", "start", "arm", "pitch", "linear")
 
-_LANES_PER_CHUNK = 64
-"""Without an estimator's covariance more lanes fit the cache."""
-
 
 def problem_of(kind: Kind, settings: Sequence[str], substeps: int) -> Problem:
     """Return the shipped study of a kind, shortened to what the bench needs.
@@ -79,7 +76,7 @@ def _prepare(
 
     @jax.jit
     def program(own: dict[str, jax.Array], shared: Bench) -> jax.Array:
-        return rollout.map_lanes(plant, own, shared, chunk=_LANES_PER_CHUNK)
+        return rollout.map_lanes(plant, own, shared)
 
     step = problem.study.clock.sample_time / substeps
     time = problem.study.clock.sample_time * np.arange(problem.samples)
