@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -90,18 +90,21 @@ def measure_kernel(
         settings: that replace values of its study.
     """
     work = kernel.prepare(lanes or kernel.lanes, settings)
-    compiled, compile_s = _compile(work.program, work.arguments)
+    program = _Ready(work.program, work.arguments)
+    compile_s = program.compile_s
     twin = work.twin if opponent is not None else None
-    result = jax.block_until_ready(compiled(*work.arguments))
-    difference, other = None, None
+    result = jax.block_until_ready(program())
+    difference: float | None = None
+    other: Callable[[], Any] | None = None
     if opponent is not None and twin is not None:
         difference, other = work.difference(result, twin(opponent)), lambda: twin(opponent)
     elif work.base is not None:
-        base, base_s = _compile(work.base, work.arguments)
-        compile_s, other = max(compile_s, base_s), lambda: base(*work.arguments)
-        jax.block_until_ready(other())
+        base = other = _Ready(work.base, work.arguments)
+        compile_s = max(compile_s, base.compile_s)
+        jax.block_until_ready(base())
     notes = [] if difference is None or difference <= AGREEMENT else [_disagreement(difference)]
-    ours, theirs = _in_turn(lambda: compiled(*work.arguments), None if notes else other, repeats)
+    timed = _in_turn([program] if other is None or notes else [program, other], repeats)
+    ours, theirs = timed[0], timed[1] if len(timed) > 1 else []
     ratio = statistics.median(a / b for a, b in zip(ours, theirs, strict=True)) if theirs else None
     if ratio is not None and kernel.limit is not None and ratio > kernel.limit:
         notes.append(f"{ratio:.3g} times the other's time; at most {kernel.limit:g} is allowed")
@@ -124,7 +127,7 @@ def measure_kernel(
         limit=kernel.limit,
         ok=not notes,
         difference=difference,
-        temp_bytes=compiled.memory_analysis().temp_size_in_bytes,
+        temp_bytes=program.temporary_bytes(),
         peak_share=work.flops / own / peak if peak and work.flops else None,
         counting=kernel.counting,
         note="; ".join(notes),
@@ -132,16 +135,18 @@ def measure_kernel(
     )
 
 
-def nanoseconds_per_step(work: Workload, repeats: int) -> float:
-    """Return the time of the fastest of several runs, per lane and sample [ns]."""
-    compiled, _ = _compile(work.program, work.arguments)
-    jax.block_until_ready(compiled(*work.arguments))
-    return 1e9 * min(_in_turn(lambda: compiled(*work.arguments), None, repeats)[0]) / work.steps
+def nanoseconds_per_step[Key](works: Mapping[Key, Workload], repeats: int) -> dict[Key, float]:
+    """Return the time of the fastest of several runs of each, per lane and sample [ns]; all take turns."""
+    programs = [_Ready(work.program, work.arguments) for work in works.values()]
+    for program in programs:
+        jax.block_until_ready(program())
+    timed = _in_turn(programs, repeats)
+    return {key: 1e9 * min(own) / work.steps for (key, work), own in zip(works.items(), timed, strict=True)}
 
 
 def temporary_bytes(work: Workload) -> int:
     """Return the memory that the program takes beside its arguments and results [bytes]."""
-    return _compile(work.program, work.arguments)[0].memory_analysis().temp_size_in_bytes
+    return _Ready(work.program, work.arguments).temporary_bytes()
 
 
 def measure_peak(opponent: Opponent) -> float:
@@ -153,7 +158,7 @@ def measure_peak(opponent: Opponent) -> float:
     def run() -> np.ndarray:
         return opponent.call("peak", [opponent.cores], [_PEAK_ROUNDS], [], (opponent.cores,))
 
-    seconds = min(_in_turn(run, None, _PEAK_REPEATS)[0])
+    seconds = min(_in_turn([run], _PEAK_REPEATS)[0])
     return 1e-9 * opponent.flops_of_peak(_PEAK_ROUNDS) / seconds
 
 
@@ -170,29 +175,36 @@ def _no_cache() -> Iterator[None]:
         compilation_cache.reset_cache()
 
 
-def _compile(program: Any, arguments: tuple[Any, ...]) -> tuple[Any, float]:
-    with _no_cache():
-        start = time.perf_counter()
-        compiled = program.lower(*arguments).compile()
-        return compiled, time.perf_counter() - start
+class _Ready:
+    """A compiled program with arguments that lie where it reads them, as C's do; calling it runs it.
+
+    jax would otherwise hand every core its share of every array in every call, which takes 2 ms.
+    """
+
+    def __init__(self, program: Any, arguments: tuple[Any, ...]) -> None:
+        with _no_cache():
+            start = time.perf_counter()
+            self._compiled = program.lower(*arguments).compile()
+            self.compile_s = time.perf_counter() - start
+        self._arguments = jax.device_put(arguments, self._compiled.input_shardings[0])
+
+    def __call__(self) -> Any:
+        return self._compiled(*self._arguments)
+
+    def temporary_bytes(self) -> int:
+        return self._compiled.memory_analysis().temp_size_in_bytes
 
 
-def _in_turn(
-    ours: Callable[[], Any], other: Callable[[], Any] | None, repeats: int
-) -> tuple[list[float], list[float]]:
-    """Return the seconds of each repeat, of ours and of the other's run right after it."""
+def _in_turn(runs: Sequence[Callable[[], Any]], repeats: int) -> list[list[float]]:
+    """Return the seconds of every repeat of each run, one run right after the other."""
 
     def seconds(run: Callable[[], Any]) -> float:
         start = time.perf_counter()
         jax.block_until_ready(run())
         return time.perf_counter() - start
 
-    mine, others = [], []
-    for _ in range(repeats):
-        mine.append(seconds(ours))
-        if other is not None:
-            others.append(seconds(other))
-    return mine, others
+    rounds = [[seconds(run) for run in runs] for _ in range(repeats)]
+    return [list(own) for own in zip(*rounds, strict=True)]
 
 
 def _disagreement(difference: float) -> str:

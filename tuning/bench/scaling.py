@@ -7,7 +7,7 @@ import os
 import statistics
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from tuning.bench.kernels import KERNELS
@@ -24,7 +24,7 @@ SPEED_UP = 1.7
 CONSTANT = 1.1 / 0.9
 """A gradient's memory may differ by this factor, ±10 %, from one number of samples to another."""
 _SCALED = ("awas_plant", "serial_estimator")
-_SHORT = "clock.duration=0.2"
+_SHORT = "clock.duration=1.0"
 _REPEATS = 5
 _ROUNDS = 3
 
@@ -56,19 +56,18 @@ def measure_scaling(kernels: tuple[str, ...] = _SCALED) -> list[Point]:
     """Return the costs of some kernels over every axis, of the sweep over its grid's size, and gradient memory."""
     points: list[Point] = []
     for name in kernels:
-        points += _flat(name, "lanes", {lanes: _cost(name, lanes, _SHORT) for lanes in LANES}, FLAT)
-        points += _flat(name, "steps", dict(_over_time(name)), FLAT)
+        points += _flat(name, "lanes", _costs(name, LANES, _SHORT), FLAT)
+        points += _flat(name, "steps", _over_time(name), FLAT)
         if usable_cores() > 1:
             points += _sped_up(name)
     sizes = [KERNELS["sweep"].lanes * draws // max(DRAWS) for draws in DRAWS]
-    points += _points("sweep", "grid", {size: _cost("sweep", size, _SHORT) for size in sizes}, "ns", None)
+    points += _points("sweep", "grid", _costs("sweep", sizes, _SHORT), "ns", None)
     return points + _flat("gradient", "steps", dict(_memory_over_time("gradient")), CONSTANT, "bytes")
 
 
-def _over_time(name: str) -> Iterator[tuple[int, float]]:
-    for seconds in DURATIONS:
-        work = KERNELS[name].prepare(64, [f"clock.duration={seconds}"])
-        yield work.samples, nanoseconds_per_step(work, _REPEATS)
+def _over_time(name: str) -> dict[int, float]:
+    works = [KERNELS[name].prepare(64, [f"clock.duration={seconds}"]) for seconds in DURATIONS]
+    return nanoseconds_per_step({work.samples: work for work in works}, _REPEATS)
 
 
 def _memory_over_time(name: str) -> Iterator[tuple[int, float]]:
@@ -83,8 +82,8 @@ def cost_on(name: str, cores: int) -> float:
         "import os, json\n"
         f"os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:{cores}])\n"
         "from tuning.runtime import start_jax\nstart_jax()\n"
-        "from tuning.bench.scaling import _cost\n"
-        f"print(json.dumps(_cost({name!r}, 512, 'clock.duration=1.0')))"
+        "from tuning.bench.scaling import _costs\n"
+        f"print(json.dumps(_costs({name!r}, [512], {_SHORT!r})[512]))"
     )
     # The parent's flags ask for the parent's number of devices.
     environment = {key: value for key, value in os.environ.items() if key != "XLA_FLAGS"}
@@ -95,8 +94,8 @@ def cost_on(name: str, cores: int) -> float:
     return float(json.loads(ended.stdout))
 
 
-def _cost(name: str, lanes: int, setting: str) -> float:
-    return nanoseconds_per_step(KERNELS[name].prepare(lanes, [setting]), _REPEATS)
+def _costs(name: str, lanes: Sequence[int], setting: str) -> dict[int, float]:
+    return nanoseconds_per_step({n: KERNELS[name].prepare(n, [setting]) for n in lanes}, _REPEATS)
 
 
 def _flat(name: str, axis: str, costs: Mapping[int, float], limit: float, unit: str = "ns") -> list[Point]:
