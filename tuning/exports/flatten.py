@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +152,7 @@ class _Flattener:
             if not eqn.outvars:
                 continue
             given = [read(atom) for atom in eqn.invars]
-            origin = _origin(eqn.source_info.traceback) or outer
+            origin = _origin(eqn.source_info.traceback, outer)
             inner = next((eqn.params[name] for name in CALLED if name in eqn.params), None)
             if eqn.primitive.name in {"while", "cond"}:
                 raise Untraceable(
@@ -161,6 +161,9 @@ class _Flattener:
                 )
             if eqn.primitive.name == "scan":
                 results = self.turns(eqn, given, origin)
+            elif eqn.primitive.name == "sum_of_products":
+                written = jax.make_jaxpr(partial(eqn.primitive.impl, **eqn.params))(*(v.aval for v in eqn.invars))
+                results = self.run(written.jaxpr, written.consts, given, origin)
             elif inner is not None:
                 body, body_consts = (inner.jaxpr, inner.consts) if hasattr(inner, "consts") else (inner, ())
                 results = self.run(body, body_consts, given, origin)
@@ -299,14 +302,16 @@ def _pruned(equation: Equation, wanted: set[int]) -> Equation:
     return _loop(tuple(equation.inputs[i] for i in places), results, shorter, equation.origin)
 
 
-def _origin(traceback: Any) -> Origin | None:
-    """Return the innermost place in this repository, and the innermost name outside its scalar mathematics."""
-    if traceback is None:
-        return None
-    frames = [f for f in traceback.frames if _own(f.file_name) is not None]
-    if not frames:
-        return None
-    outside = [f for f in frames if not str(_own(f.file_name)).startswith("vsajax/numerics/")] or frames
+def _origin(traceback: Any, outer: Origin) -> Origin:
+    """Return the innermost place in this repository, and the innermost name outside its scalar mathematics.
+
+    Where there is neither it is that of the call around it.
+    """
+    frames = [] if traceback is None else [f for f in traceback.frames if _own(f.file_name) is not None]
+    outside = [f for f in frames if not str(_own(f.file_name)).startswith("vsajax/numerics/")]
+    if not outside and (outer.place or not frames):
+        return outer
+    outside = outside or frames
     first = outside[0]
     place = f"{_own(first.file_name)}, {first.function_name.replace('.<locals>', '')}"
     for frame in outside:
