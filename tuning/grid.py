@@ -141,16 +141,16 @@ class Grid:
         """Return the program's arguments for some outer points: a lane for each of their parts."""
         across, along = self._cut
         drawn = draw_scenarios(self.problem.study, self.stream, self.scenarios)
-        scenarios = jax.tree.map(lambda x: jnp.tile(x.reshape(along, -1), (len(points) * across, 1)), drawn)
+        scenarios = _dealt(drawn, along, len(points) * across)
 
-        def spread(i: int, path: str) -> jax.Array:
-            values = jnp.asarray(self.axes[path], float)
+        def spread(i: int, path: str) -> np.ndarray:
+            values = np.asarray(self.axes[path], float)
             parts = values.reshape(across if i == self._longest else 1, -1)
-            parts = jnp.broadcast_to(parts, (across, parts.shape[1]))
-            return jnp.tile(jnp.repeat(parts, along, axis=0), (len(points), 1))
+            parts = np.broadcast_to(parts, (across, parts.shape[1]))
+            return np.tile(np.repeat(parts, along, axis=0), (len(points), 1))
 
         inner = tuple(spread(i, path) for i, path in enumerate(self.inner))
-        outer = jnp.repeat(jnp.asarray(points), across * along, axis=0)
+        outer = np.repeat(np.asarray(points, float), across * along, axis=0)
         return (outer, inner, scenarios), self.problem.given
 
     def arrange(self, score: Any) -> np.ndarray:
@@ -181,6 +181,12 @@ class Grid:
         """Return the bytes that a compiled evaluation of some outer points needs."""
         analysis = self.program.lower(*self.arguments(self.outer_points[:points])).compile().memory_analysis()
         return analysis.temp_size_in_bytes + analysis.argument_size_in_bytes + analysis.output_size_in_bytes
+
+
+@partial(jax.jit, static_argnums=(1, 2))
+def _dealt(drawn: Scenario, hands: int, times: int) -> Scenario:
+    """Return scenarios cut into so many hands, `(times * hands, scenarios of a hand)`."""
+    return jax.tree.map(lambda x: jnp.tile(x.reshape(hands, -1), (times, 1)), drawn)
 
 
 def _divisors(number: int) -> list[int]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from tuning.errors import input_error
 from vsajax import Bench, Truth, experiment, plants
@@ -18,11 +20,18 @@ _STABLE = 2.0
 _SAFETY = 1.1
 
 
-def motion_of(bench: Bench, substeps: int) -> Truth:
-    """Return the bench's motion on one clock."""
-    return jax.jit(experiment.simulate, static_argnames="substeps")(
-        bench, key=jax.random.key(0), substeps=substeps
-    )
+@jax.jit
+def rate_at_rest(joint: plants.AbstractJoint) -> Float[Array, ""]:
+    """Return the fastest elastic rate of a joint at rest [rad/s]."""
+    return joint.fastest_rate(joint.observe(joint.rest(), plants.Torques.none()).stiffness)
+
+
+@partial(jax.jit, static_argnames="substeps")
+def try_substeps(bench: Bench, substeps: int) -> tuple[Truth, Float[Array, ""]]:
+    """Return the bench's motion on one clock, and the fastest elastic rate on its way [rad/s]."""
+    truth = experiment.simulate(bench, key=jax.random.key(0), substeps=substeps)
+    rates = bench.joint.fastest_rate(truth.motion.stiffness)
+    return truth, jnp.max(jnp.where(jnp.isfinite(rates), rates, jnp.inf))
 
 
 def choose_substeps(bench: Bench, sample_time: float, tolerance: float) -> int:
@@ -34,17 +43,15 @@ def choose_substeps(bench: Bench, sample_time: float, tolerance: float) -> int:
     Raises:
         InputError: more than `LIMIT` would be needed, or the joint diverges however many there are.
     """
-    joint = bench.joint
-    start = joint.observe(joint.rest(), plants.Torques.none())
-    asked = plants.substeps_for(float(joint.fastest_rate(start.stiffness)), sample_time)
+    asked = plants.substeps_for(float(rate_at_rest(bench.joint)), sample_time)
     while True:
         substeps = _allowed(asked, tolerance)
-        coarse = motion_of(bench, substeps)
         # The stiffness along the way is only known once simulated; a stiffer moment asks for finer steps.
-        fastest = _fastest(bench, coarse)
+        coarse, rate = try_substeps(bench, substeps)
+        fastest = float(rate)
         if not math.isfinite(fastest):
             # Either the steps are too coarse for the joint's start, or no step is fine enough.
-            fastest = _fastest(bench, motion_of(bench, LIMIT))
+            fastest = float(try_substeps(bench, LIMIT)[1])
             if not math.isfinite(fastest):
                 raise input_error(
                     "joint",
@@ -54,7 +61,7 @@ def choose_substeps(bench: Bench, sample_time: float, tolerance: float) -> int:
         asked = plants.substeps_for(fastest, sample_time)
         if asked > substeps:
             continue
-        error = 4.0 / 3.0 * _distance(coarse, motion_of(bench, 2 * substeps))
+        error = 4.0 / 3.0 * _distance(coarse, try_substeps(bench, 2 * substeps)[0])
         if error <= tolerance:
             return substeps
         asked = max(substeps + 1, math.ceil(substeps * math.sqrt(_SAFETY * error / tolerance)))
@@ -66,12 +73,12 @@ def check_substeps(bench: Bench, sample_time: float, substeps: int, tolerance: f
     Raises:
         InputError: names the smallest number, and the largest step, that are safe.
     """
-    fastest = _fastest(bench, motion_of(bench, substeps))
+    fastest = float(try_substeps(bench, substeps)[1])
     if fastest * sample_time / substeps < _STABLE:
         return
     # What an unstable run says of its own stiffness is garbage: a resolved one tells which step is safe.
     resolved = choose_substeps(bench, sample_time, tolerance)
-    step = _STABLE / _fastest(bench, motion_of(bench, resolved))
+    step = _STABLE / float(try_substeps(bench, resolved)[1])
     least = math.floor(sample_time / step) + 1
     got = f"got {substeps}: a step of {sample_time / substeps:.3g} s"
     raise input_error(
@@ -90,11 +97,6 @@ def _allowed(substeps: int, tolerance: float) -> int:
         f"(the limit is {LIMIT})",
         "check inertias and spring rates, shorten clock.sample_time, raise integration_tolerance, or set substeps",
     )
-
-
-def _fastest(bench: Bench, truth: Truth) -> float:
-    rates = bench.joint.fastest_rate(truth.motion.stiffness)
-    return float(jnp.max(jnp.where(jnp.isfinite(rates), rates, jnp.inf)))
 
 
 def _distance(first: Truth, second: Truth) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
 from tuning.build import build_bench, with_leaves
-from tuning.integration import check_substeps, choose_substeps, motion_of
+from tuning.integration import check_substeps, choose_substeps, rate_at_rest, try_substeps
 from tuning.study import EstimationStudy, Study, numeric_paths
-from vsajax import Bench, Recording, Scores, SwingScores, Truth, experiment, plants, sensitivity
+from vsajax import Bench, Recording, Scores, SwingScores, Truth, experiment, sensitivity
 
 Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
@@ -76,7 +76,7 @@ class Outcome(NamedTuple):
 
 def stream_key(study: Study, stream: Stream) -> Key[Array, ""]:
     """Return the key from which a stream's scenarios are drawn."""
-    return jax.random.fold_in(jax.random.key(study.seed), _STREAMS[stream])
+    return _key(study.seed, _STREAMS[stream])
 
 
 def draw_scenarios(study: Study, stream: Stream, count: int, start: int = 0) -> Scenario:
@@ -88,11 +88,20 @@ def draw_scenarios(study: Study, stream: Stream, count: int, start: int = 0) -> 
         count: how many.
         start: number of the first.
     """
-    base = stream_key(study, stream)
-    keys = jax.vmap(lambda i: jax.random.fold_in(base, i))(jnp.arange(start, start + count))
+    keys = _keys(stream_key(study, stream), start, count)
     shares = study.population.shares((study.seed, _STREAMS[stream]), start, count)
     numbers = study.population.values(shares, numeric_paths(study))
     return Scenario(keys, {path: jnp.asarray(values) for path, values in numbers.items()})
+
+
+@jax.jit
+def _key(seed: int, stream: int) -> Key[Array, ""]:
+    return jax.random.fold_in(jax.random.key(seed), stream)
+
+
+@partial(jax.jit, static_argnames="count")
+def _keys(base: Key[Array, ""], start: int, count: int) -> Key[Array, " count"]:
+    return jax.vmap(partial(jax.random.fold_in, base))(start + jnp.arange(count))
 
 
 class Given(NamedTuple):
@@ -154,8 +163,7 @@ class Problem:
         numbers = draw_scenarios(self.study, "population", _PROBED).numbers
 
         def rate(values: Values) -> Float[Array, ""]:
-            joint = with_leaves(self.bench, values).joint
-            return joint.fastest_rate(joint.observe(joint.rest(), plants.Torques.none()).stiffness)
+            return rate_at_rest(with_leaves(self.bench, values).joint)
 
         fastest = int(jnp.argmax(jax.vmap(rate)(numbers)))
         return [self.bench, with_leaves(self.bench, {path: values[fastest] for path, values in numbers.items()})]
@@ -167,7 +175,7 @@ class Problem:
         substeps = self.substeps
         if not self.shares_motion:
             return None
-        return motion_of(self.bench, substeps)
+        return try_substeps(self.bench, substeps)[0]
 
     @property
     def given(self) -> Given:

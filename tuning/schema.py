@@ -5,11 +5,14 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pydantic
 
 from tuning.errors import InputError, Mistake, input_error
+
+Seed = Annotated[int, pydantic.Field(ge=0, le=2**63 - 1)]
+"""Of which random numbers are drawn; what jax can hold."""
 
 
 class Table(pydantic.BaseModel):

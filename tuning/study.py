@@ -26,7 +26,7 @@ from tuning.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimat
 from tuning.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
 from tuning.population import Population
 from tuning.resources import preset_path
-from tuning.schema import Table, read_toml, validate
+from tuning.schema import Seed, Table, read_toml, validate
 from tuning.statistic import Statistic
 from tuning.structures import Chosen, blame, check_choices, combinations, settings_of
 from tuning.tables import merge, put, with_settings
@@ -92,7 +92,7 @@ class Study(Base):
 
     contested: ClassVar[tuple[str, ...]] = ("estimator",)
     objectives: ClassVar[tuple[str, ...]] = ("msrep", "msrep_settled")
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     clock: Clock
     population: Population = Population()
     scenarios: Scenarios = Scenarios()

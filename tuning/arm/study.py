@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from tuning.errors import InputError, Mistake
 from tuning.parts.base import AtLeastOne, NonNegative, Positive
 from tuning.resources import choose
-from tuning.schema import Table, read_toml, validate
+from tuning.schema import Seed, Table, read_toml, validate
 from tuning.tables import merge, with_settings
 
 Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -167,7 +167,7 @@ class ArmStudy(Table):
     schema_version: Literal[1]
     kind: Literal["arm"]
     name: str = "unnamed"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     arm: Arm
     joints: JointStiffness
     task: Task

@@ -18,7 +18,7 @@ SETTINGS = click.option(
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object for machines.")
 QUIET = click.option("--quiet", "-q", is_flag=True, help="Print errors only, no progress.")
-SEED = click.option("--seed", type=click.IntRange(min=0), default=None, help="Replace the study's seed.")
+SEED = click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=None, help="Replace the study's seed.")
 RESUME = click.option("--resume", is_flag=True, help="Go on with an interrupted run in RUN.")
 RUN = click.option(
     "-o", "--output", "folder", type=click.Path(path_type=Path), required=True, metavar="RUN", help="Run folder."

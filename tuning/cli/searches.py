@@ -75,7 +75,6 @@ def sweep(
     from tuning.runtime import start_jax
 
     start_jax()
-    from tuning.figures import draw_sweep, save
     from tuning.sweep import plan_sweep, rank
 
     planned = plan_sweep(loaded, str(study))
@@ -86,6 +85,9 @@ def sweep(
     results = planned.run(store, where, quiet=quiet)
     objective = loaded.tune.objective
     rows = rank(results, list(planned.axes), objective)
+    # Half a second, which the first result need not wait for.
+    from tuning.figures import draw_sweep, save
+
     picture = save(draw_sweep(rows, planned.axes, objective), folder / "figures" / "sweep.png")
     emit(
         {"run": folder, "results": folder / "results.parquet", "picture": picture, "best": rows[:10]},

@@ -12,7 +12,7 @@ from tuning.axes import Bounds
 from tuning.errors import InputError, Mistake, input_error
 from tuning.parts.base import AtLeastOne, Positive
 from tuning.parts.estimators import StiffnessEstimator
-from tuning.schema import Table, read_toml, validate
+from tuning.schema import Seed, Table, read_toml, validate
 from tuning.study import Config, check_path, numeric_paths, resolved
 from tuning.tables import put, with_settings
 
@@ -57,7 +57,7 @@ class LogStudy(Config):
 
     recording: LoggedRecording
     tune: LogTune
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
 
 
 def is_log_study(path: Path, settings: Sequence[str] = ()) -> bool:

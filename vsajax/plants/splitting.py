@@ -12,10 +12,10 @@ Smoothed Coulomb friction, nonlinear in v, enters by the exponential midpoint ru
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from vsajax.numerics import damped_response, once
@@ -102,4 +102,4 @@ def substeps_for(rate: float, sample_time: float, *, resolution: float = 0.025) 
 
     The relative error of the oscillation's frequency is (ω h)²/24, 2.6e-5 at the default.
     """
-    return max(1, int(jnp.ceil(rate * sample_time / resolution)))
+    return max(1, math.ceil(rate * sample_time / resolution))
