@@ -69,6 +69,7 @@ MISTAKES = [
     ("kind=arm", ["kind", "'arm'", "allowed: serial, sea"]),
     ("seed=-1", ["seed", "got -1"]),
     ("scenarios.train=0", ["scenarios.train", "greater than or equal to 1"]),
+    ("seed=9223372036854775808", ["seed", "less than or equal to 9223372036854775807"]),
 ]
 
 
