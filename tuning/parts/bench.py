@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from tuning.parts.base import AtLeastOne, NonNegative, Part, Positive
+from tuning.schema import Seed
 
 
 class Sine(Part):
@@ -62,7 +63,7 @@ class BandLimitedNoise(Part):
     low: NonNegative
     high: Positive
     offset: float = 0.0
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     tones: AtLeastOne = 32
 
     @model_validator(mode="after")
