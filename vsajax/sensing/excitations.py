@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from vsajax import numerics
 from vsajax.types import Scalar, Series, as_leaf
 
 Value = Float[Array, "..."]
@@ -39,7 +40,7 @@ class Sine(AbstractExcitation):
 
     def __call__(self, time: Value) -> Value:
         """Return the torque at `time`."""
-        return self.offset + self.amplitude * jnp.sin(2.0 * jnp.pi * self.frequency * time + self.phase)
+        return self.offset + self.amplitude * _sine(self.frequency * time, self.phase)
 
 
 class Multisine(AbstractExcitation):
@@ -62,8 +63,7 @@ class Multisine(AbstractExcitation):
         # A loop over tones, not a (time, tones) table: a tone costs no memory.
         total = self.offset * jnp.ones_like(time)
         for i in range(self.amplitudes.shape[0]):
-            angle = 2.0 * jnp.pi * self.frequencies[i] * time + self.phases[i]
-            total = total + self.amplitudes[i] * jnp.sin(angle)
+            total = total + self.amplitudes[i] * _sine(self.frequencies[i] * time, self.phases[i])
         return total
 
 
@@ -88,7 +88,7 @@ class Chirp(AbstractExcitation):
         """Return the torque at `time`."""
         elapsed = jnp.mod(time, self.duration)
         cycles = self.start * elapsed + 0.5 * (self.stop - self.start) / self.duration * elapsed**2
-        return self.offset + self.amplitude * jnp.sin(2.0 * jnp.pi * cycles)
+        return self.offset + self.amplitude * _sine(cycles, 0.0)
 
 
 class BandLimitedNoise(AbstractExcitation):
@@ -163,3 +163,8 @@ class Excitation(eqx.Module):
         """Return the torques at `time` in the order of the fields [N·m]."""
         inputs = (self.motor, self.setpoint_motor, self.external, self.motor1, self.motor2)
         return tuple(jnp.zeros_like(time) if torque is None else torque(time) for torque in inputs)
+
+
+def _sine(turns: Value, phase: Scalar | float) -> Value:
+    """Return sin(2π turns + phase). Whole turns are dropped first, exactly, so that no angle grows with time."""
+    return numerics.sin(2.0 * jnp.pi * (turns - jnp.round(turns)) + phase)
