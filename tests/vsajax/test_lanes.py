@@ -92,7 +92,8 @@ def test_lanes_must_share_one_length(lanes, found):
 
 @pytest.mark.failure
 def test_there_must_be_a_lane_and_a_chunk():
-    with pytest.raises(ValueError, match=f"at least one lane .* got 0 and {rollout.LANES_PER_CHUNK}"):
+    words = f"at least one lane and a chunk of at least 1; got 0 and {rollout.LANES_PER_CHUNK}"
+    with pytest.raises(ValueError, match=words):
         rollout.map_lanes(lambda lane, _: lane, jnp.zeros(0))
     with pytest.raises(ValueError, match="got 3 and 0"):
         rollout.map_lanes(lambda lane, _: lane, jnp.zeros(3), chunk=0)
