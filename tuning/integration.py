@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,12 +27,24 @@ def rate_at_rest(joint: plants.AbstractJoint) -> Float[Array, ""]:
     return joint.fastest_rate(joint.observe(joint.rest(), plants.Torques.none()).stiffness)
 
 
+class Tried(NamedTuple):
+    """What a number of integration steps gives.
+
+    Args:
+        truth: the bench's motion on one clock.
+        rate: the fastest elastic rate on its way, infinite if any is not finite [rad/s].
+    """
+
+    truth: Truth
+    rate: Float[Array, ""]
+
+
 @partial(jax.jit, static_argnames="substeps")
-def try_substeps(bench: Bench, substeps: int) -> tuple[Truth, Float[Array, ""]]:
-    """Return the bench's motion on one clock, and the fastest elastic rate on its way [rad/s]."""
+def try_substeps(bench: Bench, substeps: int) -> Tried:
+    """Return the bench's motion with so many integration steps a sample, and its fastest elastic rate."""
     truth = experiment.simulate(bench, key=jax.random.key(0), substeps=substeps)
     rates = bench.joint.fastest_rate(truth.motion.stiffness)
-    return truth, jnp.max(jnp.where(jnp.isfinite(rates), rates, jnp.inf))
+    return Tried(truth, jnp.max(jnp.where(jnp.isfinite(rates), rates, jnp.inf)))
 
 
 def choose_substeps(bench: Bench, sample_time: float, tolerance: float) -> int:
@@ -51,7 +64,7 @@ def choose_substeps(bench: Bench, sample_time: float, tolerance: float) -> int:
         fastest = float(rate)
         if not math.isfinite(fastest):
             # Either the steps are too coarse for the joint's start, or no step is fine enough.
-            fastest = float(try_substeps(bench, LIMIT)[1])
+            fastest = float(try_substeps(bench, LIMIT).rate)
             if not math.isfinite(fastest):
                 raise input_error(
                     "joint",
@@ -61,7 +74,7 @@ def choose_substeps(bench: Bench, sample_time: float, tolerance: float) -> int:
         asked = plants.substeps_for(fastest, sample_time)
         if asked > substeps:
             continue
-        error = 4.0 / 3.0 * _distance(coarse, try_substeps(bench, 2 * substeps)[0])
+        error = 4.0 / 3.0 * _distance(coarse, try_substeps(bench, 2 * substeps).truth)
         if error <= tolerance:
             return substeps
         asked = max(substeps + 1, math.ceil(substeps * math.sqrt(_SAFETY * error / tolerance)))
@@ -73,12 +86,12 @@ def check_substeps(bench: Bench, sample_time: float, substeps: int, tolerance: f
     Raises:
         InputError: names the smallest number, and the largest step, that are safe.
     """
-    fastest = float(try_substeps(bench, substeps)[1])
+    fastest = float(try_substeps(bench, substeps).rate)
     if fastest * sample_time / substeps < _STABLE:
         return
     # What an unstable run says of its own stiffness is garbage: a resolved one tells which step is safe.
     resolved = choose_substeps(bench, sample_time, tolerance)
-    step = _STABLE / float(try_substeps(bench, resolved)[1])
+    step = _STABLE / float(try_substeps(bench, resolved).rate)
     least = math.floor(sample_time / step) + 1
     got = f"got {substeps}: a step of {sample_time / substeps:.3g} s"
     raise input_error(

@@ -175,7 +175,7 @@ class Problem:
         substeps = self.substeps
         if not self.shares_motion:
             return None
-        return try_substeps(self.bench, substeps)[0]
+        return try_substeps(self.bench, substeps).truth
 
     @property
     def given(self) -> Given:

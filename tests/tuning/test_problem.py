@@ -47,7 +47,7 @@ def test_integration_steps_keep_every_position_within_the_tolerance(tolerance):
     problem = Problem(
         small_serial(f"integration_tolerance={tolerance}", "excitation.setpoint_motor.amplitude=400.0")
     )
-    motion, exact = problem.shared_truth.motion, try_substeps(problem.bench, 512)[0].motion
+    motion, exact = problem.shared_truth.motion, try_substeps(problem.bench, 512).truth.motion
     for name in ("link_position", "motor_position", "setpoint_position"):
         np.testing.assert_allclose(getattr(motion, name), getattr(exact, name), rtol=0.0, atol=tolerance)
 

@@ -88,7 +88,7 @@ def _bench(setting: Setting) -> Bench:
 @cache
 def truth_of(setting: Setting) -> Truth:
     """Return the scenario's motion over 10 s at 1 kHz."""
-    return try_substeps(_bench(setting), _SUBSTEPS)[0]
+    return try_substeps(_bench(setting), _SUBSTEPS).truth
 
 
 def record(truth: Truth, noise: Any, position_std: float, torque_std: float) -> Recording:
@@ -182,7 +182,7 @@ def _plant_rows(setting: Setting) -> list[Row]:
     spread = (sigma.min(), sigma.mean(), sigma.max())
     worst = max(abs(m / r - 1.0) for m, r in zip(spread, setting.stiffness, strict=True))
     own = choose_substeps(_bench(setting), _SAMPLE_TIME, 1e-8)
-    chosen = try_substeps(_bench(setting), own)[0].motion
+    chosen = try_substeps(_bench(setting), own).truth.motion
     names = ("motor1_position", "motor2_position", "link_position")
     apart = max(float(np.max(np.abs(getattr(chosen, name) - getattr(motion, name)))) for name in names)
     steps = f"integration_tolerance = 1e-8 asks for {own} steps a sample; over 10 s, against {_SUBSTEPS}"
