@@ -15,7 +15,7 @@ from tuning.exports.c99.naming import RESERVED
 from tuning.exports.configs import Exportable
 from tuning.exports.layout import Path
 from tuning.exports.program import StepProgram, program_of
-from tuning.exports.ranges import Range, range_of
+from tuning.exports.ranges import Limits, Order, Range, orders_of, range_of
 from tuning.logs.reading import read_recording
 from tuning.parts.base import Part
 
@@ -88,6 +88,16 @@ class Deployable(ABC):
         """Return where the parameter at a path may lie."""
         return range_of(self.parts, path)
 
+    @property
+    def orders(self) -> tuple[Order, ...]:
+        """Which numbers must lie below which others."""
+        return tuple(orders_of(self.parts))
+
+    def limits(self, paths: list[Path]) -> Limits:
+        """Return where the parameters at some paths may lie; an order of what is frozen is kept by itself."""
+        orders = tuple(one for one in self.orders if {one.lower, one.upper} <= set(paths))
+        return Limits(tuple(map(self.range, paths)), orders)
+
     @cached_property
     def module(self) -> Any:
         """What has `init` and `step`."""
@@ -102,7 +112,9 @@ class Deployable(ABC):
         # The title stands in comments of C and YAML.
         name = " ".join(self.config.name.replace("*/", "").split())
         title = f"{name}: {self.title}"
-        return program_of(self.module, self.sample, name=identifier_of(self.config.name), title=title)
+        return program_of(
+            self.module, self.sample, name=identifier_of(self.config.name), title=title, limits=self.limits
+        )
 
 
 def identifier_of(name: str) -> str:

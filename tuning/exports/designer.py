@@ -13,7 +13,7 @@ from tuning.arm.study import ArmStudy
 from tuning.errors import input_error
 from tuning.exports.deployable import Deployable
 from tuning.exports.layout import Path
-from tuning.exports.ranges import Range
+from tuning.exports.ranges import Order, Range
 from tuning.parts.base import Part
 from vsajax.arms import task_scale
 from vsajax.control import ArmController, ArmReading
@@ -74,6 +74,11 @@ class DeployableDesigner(Deployable):
     def range(self, path: Path) -> Range:
         """Return where a parameter may lie; that of kinematics is any."""
         return next((_RANGES[key] for key in reversed(path) if key in _RANGES), Range())
+
+    @property
+    def orders(self) -> tuple[Order, ...]:
+        """A joint's lower bound must not exceed its upper one."""
+        return (Order(("bounds", "lower"), ("bounds", "upper"), is_strict=False),)
 
     def build(self) -> ArmController:
         """Return the controller of the arm."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from tuning.exports.flatten import Flat, flatten
 from tuning.exports.layout import Leaf, Path, Record, describe, dotted, elements
+from tuning.exports.ranges import Limits, Range
 
 Places = list[tuple[Path, Leaf]]
 
@@ -53,6 +54,7 @@ class StepProgram:
         outputs: of one sample.
         init: (parameters, inputs) -> state, traced.
         step: (parameters, state, inputs) -> (state, outputs), traced.
+        limits: of the parameters.
     """
 
     name: str
@@ -63,6 +65,7 @@ class StepProgram:
     outputs: Slot
     init: Flat
     step: Flat
+    limits: Limits
 
     @property
     def defaults(self) -> list[np.ndarray]:
@@ -82,6 +85,8 @@ def trace(
     inputs: Any,
     init: Callable[[Any, Any], Any],
     step: Callable[[Any, Any, Any], Any],
+    *,
+    limits: Callable[[list[Path]], Limits] | None = None,
 ) -> StepProgram:
     """Return the program of a module.
 
@@ -92,6 +97,7 @@ def trace(
         inputs: a sample, of any values.
         init: (module, inputs) -> state.
         step: (module, state, inputs) -> (state, outputs).
+        limits: of the parameters at some paths; by default they may be any finite number.
 
     Raises:
         Untraceable: a part of the step cannot leave Python.
@@ -99,10 +105,14 @@ def trace(
     start, first = jax.make_jaxpr(init, return_shape=True)(module, inputs)
     whole, (_, answer) = jax.make_jaxpr(step, return_shape=True)(module, first, inputs)
     slots = [_slot(module), _slot(first, is_optional=True), _slot(inputs), _slot(answer)]
-    return StepProgram(name, title, *slots, init=flatten(start), step=flatten(whole))
+    paths = [path for path, _ in slots[0].places]
+    known = Limits((Range(),) * len(paths)) if limits is None else limits(paths)
+    return StepProgram(name, title, *slots, init=flatten(start), step=flatten(whole), limits=known)
 
 
-def program_of(module: Any, sample: Any, *, name: str, title: str) -> StepProgram:
+def program_of(
+    module: Any, sample: Any, *, name: str, title: str, limits: Callable[[list[Path]], Limits] | None = None
+) -> StepProgram:
     """Return the step of a module; what it does not read of its numbers is frozen, not a parameter.
 
     Raises:
@@ -120,6 +130,7 @@ def program_of(module: Any, sample: Any, *, name: str, title: str) -> StepProgra
             sample,
             lambda leaves, sample: whole(leaves).init(sample),
             lambda leaves, state, sample: whole(leaves).step(state, sample),
+            limits=limits,
         )
 
     program = traced(eqx.filter(module, eqx.is_array))

@@ -1,8 +1,8 @@
-"""Where a parameter may lie, read from the tables that a study file is validated with."""
+"""Where parameters may lie, read from the tables that a study file is validated with."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -21,6 +21,51 @@ class Range:
     high: float | None = None
     is_low_open: bool = False
     is_high_open: bool = False
+
+    @property
+    def text(self) -> str:
+        """For people, e.g. "0 < x ≤ 1"; infinity is in no range."""
+        left = "" if self.low is None else f"{self.low:.12g} {'<' if self.is_low_open else '≤'} "
+        right = "" if self.high is None else f" {'<' if self.is_high_open else '≤'} {self.high:.12g}"
+        return f"{left}x{right}" if left or right else "finite"
+
+
+@dataclass(frozen=True)
+class Order:
+    """Two parameters of one shape, the first of which must not exceed the second, number by number.
+
+    Args:
+        lower: path of the first.
+        upper: path of the second.
+        is_strict: whether they must not be equal either.
+    """
+
+    lower: Path
+    upper: Path
+    is_strict: bool
+
+
+@dataclass(frozen=True)
+class Limits:
+    """All that is known of where the parameters of a program may lie.
+
+    Args:
+        ranges: one a parameter, in their order.
+        orders: of pairs of them.
+    """
+
+    ranges: tuple[Range, ...]
+    orders: tuple[Order, ...] = ()
+
+
+def orders_of(parts: Mapping[tuple[str, ...], Part]) -> Iterator[Order]:
+    """Yield the orders that a study file is held to, in all tables of the parts."""
+    for path, part in parts.items():
+        if part.ordered is not None:
+            lower, upper, _ = part.ordered
+            yield Order((*path, lower), (*path, upper), is_strict=True)
+        inner = {(*path, name): getattr(part, name) for name in type(part).model_fields}
+        yield from orders_of({place: table for place, table in inner.items() if isinstance(table, Part)})
 
 
 def range_of(parts: Mapping[tuple[str, ...], Part], path: Path) -> Range:

@@ -5,17 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 from tuning.exports.artefact import Artefact, Subject
+from tuning.exports.layout import dotted
 from tuning.exports.rendering import render
 
 
 def readme_of(subject: Subject, artefact: Artefact, manifest: dict[str, Any]) -> str:
     """Return the page as Markdown."""
-    parameters = [row | {"range": _range(row)} for row in manifest["parameters"]]
+    limits = subject.program.limits
+    rows = zip(manifest["parameters"], limits.ranges, strict=True)
+    parameters = [row | {"range": one.text} for row, one in rows]
     return render(
         "README.md",
         title=subject.program.title,
         banner=subject.banner,
         manifest=manifest | {"parameters": parameters},
+        orders=[(dotted(one.lower), "<" if one.is_strict else "≤", dotted(one.upper)) for one in limits.orders],
         usage=artefact.usage,
         number=number,
     )
@@ -26,9 +30,3 @@ def number(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(number(inner) for inner in value)}]"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _range(row: dict[str, Any]) -> str:
-    left = "" if row["low"] is None else f"{row['low']:g} {'<' if row['is_low_open'] else '≤'} "
-    right = "" if row["high"] is None else f" {'<' if row['is_high_open'] else '≤'} {row['high']:g}"
-    return f"{left}x{right}" if left or right else "any"

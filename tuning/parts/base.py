@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tuning.schema import Table
 
@@ -26,6 +26,17 @@ class Part(Table):
 
     target: ClassVar[str]
     static: ClassVar[frozenset[str]] = frozenset()
+    ordered: ClassVar[tuple[str, str, str] | None] = None
+    """A number, another that it must be below, and their unit."""
+
+    @model_validator(mode="after")
+    def _is_ordered(self) -> Part:
+        if self.ordered is not None:
+            lower, upper, unit = self.ordered
+            low, high = getattr(self, lower), getattr(self, upper)
+            if low >= high:
+                raise ValueError(f"{lower} must be below {upper}; got {low} and {high} {unit}")
+        return self
 
     def arguments(self) -> dict[str, Any]:
         """Return the constructor's arguments: every field but the tag `type`."""

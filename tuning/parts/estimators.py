@@ -108,16 +108,11 @@ class Legendre(Part):
     """Legendre polynomials on a range of deflection."""
 
     target = "estimators.Legendre"
+    ordered = ("lower", "upper", "rad")
     type: Literal["legendre"]
     lower: float
     upper: float
     order: AtLeastOne = 3
-
-    @model_validator(mode="after")
-    def _range(self) -> Legendre:
-        if self.lower >= self.upper:
-            raise ValueError(f"lower must be below upper; got {self.lower} and {self.upper} rad")
-        return self
 
 
 class UnitFactor(Part):

@@ -11,6 +11,7 @@ import numpy as np
 from tuning.exports.c99.expressions import Assign, Index, Loop, Number, Repeat, Storage, Type
 from tuning.exports.c99.fusing import Block, Statement, Sums
 from tuning.exports.c99.generate import Derived, Generated, member, storage_of
+from tuning.exports.c99.limits import check_lines, refusals
 from tuning.exports.c99.lowering import Code
 from tuning.exports.c99.naming import identifier
 from tuning.exports.c99.printing import FUNCTIONS, HELPERS, decimal, number, place, short, statement, sums
@@ -19,7 +20,7 @@ from tuning.exports.layout import Field, Leaf, Record, Repeated
 from tuning.exports.program import StepProgram
 from tuning.exports.rendering import render
 
-_ARGUMENTS = frozenset({"self", "in", "out", "first", "params", "turn", *"ijklmn"})
+_ARGUMENTS = frozenset({"self", "in", "out", "first", "params", "refused", "turn", *"ijklmn"})
 """What no local variable may be called."""
 
 
@@ -57,19 +58,25 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
     header = render(
         "step.h",
         **shared,
+        parameters=len(program.parameters.places),
         has_derived=bool(derived),
         has_state=bool(program.state.places),
         structs="\n".join([*params, *state, *derived, *inputs, *outputs]),
     )
     prepare, init, step = (_body(code) for code in (generated.prepare, generated.init, generated.step))
+    checked = check_lines(program)
     body = [
         *_tables(generated.step),
         f"void {name}_defaults({name}_params *params)\n{{\n{_lines(_defaults(program))}}}\n",
         f"static void prepare({name} *self)\n{{\n{_lines(prepare or ['(void)self;'])}}}\n",
-        f"void {name}_init({name} *self, const {name}_params *params, const {name}_input *first)\n{{\n"
-        f"{_lines(['self->params = *params;', 'prepare(self);', *_unused('first', init), *init])}}}\n",
-        f"void {name}_tune({name} *self, const {name}_params *params)\n{{\n"
-        f"{_lines(['self->params = *params;', 'prepare(self);'])}}}\n",
+        f"int {name}_check(const {name}_params *params)\n{{\n"
+        f"{_lines([*_unused('params', checked), *checked])}}}\n",
+        f"const char *{name}_refusal(int refused)\n{{\n{_lines(_refusal_lines(program))}}}\n",
+        f"int {name}_init({name} *self, const {name}_params *params, const {name}_input *first)\n{{\n"
+        f"{_lines([*_taken(name), *_unused('first', init), *init, 'return refused;'])}}}\n",
+        f"int {name}_tune({name} *self, const {name}_params *params)\n{{\n{_lines(_TUNED)}}}\n".replace(
+            "NAME", name
+        ),
         f"void {name}_step({name} *self, const {name}_input *in, {name}_output *out)\n{{\n"
         f"{_lines([*_unused('self', step), *step])}}}\n",
     ]
@@ -77,6 +84,36 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
     functions = [(short(f), f) for f in sorted(set(FUNCTIONS.values())) if f"r_{short(f)}(" in text]
     helpers = [helper for operation, helper in HELPERS.items() if f"r_{operation}(" in text]
     return Source(name, header, render("step.c", **shared, functions=functions, helpers=helpers, body=text))
+
+
+_TUNED = [
+    "const int refused = NAME_check(params);",
+    "if (refused == 0) {",
+    "    self->params = *params;",
+    "    prepare(self);",
+    "}",
+    "return refused;",
+]
+
+
+def _taken(name: str) -> list[str]:
+    """Return lines that take over the parameters where they are in range, the exported ones where not."""
+    return [
+        f"const int refused = {name}_check(params);",
+        "if (refused == 0) {",
+        "    self->params = *params;",
+        "} else {",
+        f"    {name}_defaults(&self->params);",
+        "}",
+        "prepare(self);",
+    ]
+
+
+def _refusal_lines(program: StepProgram) -> list[str]:
+    texts = [f'    "{text}",' for text in refusals(program)]
+    count = len(texts)
+    lines = [f"static const char *const TEXTS[{count}] = {{", *texts, "};"]
+    return [*lines, f'return refused >= 0 && refused < {count} ? TEXTS[refused] : "no such number";']
 
 
 def _unused(name: str, lines: list[str]) -> list[str]:

@@ -21,10 +21,17 @@ _USAGE = """```c
 {name}_output answer;
 
 {name}_defaults(&params);
-{name}_init(&self, &params, &first);            /* the first sample: nothing is answered yet */
+int refused = {name}_init(&self, &params, &first);  /* the first sample: nothing is answered yet */
 {name}_step(&self, &sample, &answer);           /* every sample, the first one (dt = 0) too */
-{name}_tune(&self, &params);                    /* other parameters, the same state */
+refused = {name}_tune(&self, &params);          /* other parameters, the same state */
+if (refused != 0) {{
+    puts({name}_refusal(refused));              /* which parameter, and where it must lie */
+}}
 ```
+
+Parameters are checked: `{name}_check(&params)` returns 0, or which parameter lies outside the ranges below,
+counted from 1 in the table's order; not a number and infinite are outside. `{name}_tune` then keeps the parameters
+before, and `{name}_init` takes those that were exported; both return what `{name}_check` does.
 
 `-D{NAME}_SINGLE` compiles for single precision. Do not compile with `-ffast-math`. Without Python, `make check`,
 `make sanitize`, `make time`, `make cortex-m4` and `make cortex-m7` do what `check.py` does."""
