@@ -10,9 +10,13 @@ from typing import Annotated, Any
 import pydantic
 
 from tuning.errors import InputError, Mistake, input_error
+from tuning.resources import located
 
 Seed = Annotated[int, pydantic.Field(ge=0, le=2**63 - 1)]
 """Of which random numbers are drawn; what jax can hold."""
+
+_LOGS = {".csv", ".parquet", ".mat", ".h5", ".hdf5", ".bag", ".mcap", ".db3"}
+"""What recordings are called; `logs.formats` reads them."""
 
 
 class Table(pydantic.BaseModel):
@@ -22,21 +26,25 @@ class Table(pydantic.BaseModel):
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a user's file.
+    """Return the text of a user's file, or of a shipped one (`shipped:NAME`).
 
     Raises:
         InputError: the file is missing, a directory, unreadable, empty or not UTF-8.
     """
-    if path.is_dir():
-        raise input_error(path, "is a directory", "name a file in it")
+    source = located(path)
+    if source.is_dir():
+        best = "best.toml" if (source / "best.toml").is_file() else None
+        raise input_error(path, "is a directory", f"did you mean {path / best}?" if best else "name a file in it")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = source.read_text(encoding="utf-8")
     except FileNotFoundError:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1)
         hint = f"did you mean {path.parent / near[0]}?" if near else "check the path"
         raise input_error(path, "no such file", hint) from None
     except UnicodeDecodeError as error:
-        raise input_error(path, f"is not UTF-8 text (byte {error.start})", "save it as UTF-8") from None
+        raise input_error(
+            path, f"is not UTF-8 text (byte {error.start})", _way_out(path, "save it as UTF-8")
+        ) from None
     except OSError as error:
         raise input_error(path, f"cannot be read ({error.strerror})", "check its permissions") from None
     if not text.strip():
@@ -53,7 +61,17 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
-        raise input_error(path, f"is not valid TOML: {error}", "mend that line") from None
+        raise input_error(path, f"is not valid TOML: {error}", _way_out(path, "mend that line")) from None
+
+
+def _way_out(path: Path, otherwise: str) -> str:
+    """Return what a file that is no TOML is for, as far as its name says."""
+    suffix = path.suffix.lower()
+    if suffix in _LOGS:
+        return f"a log goes to vsajax estimate {path} -c CONFIG"
+    if suffix in {".urdf", ".xacro"}:
+        return f'a robot description belongs in a study of an arm: urdf = "{path}" in [arm] (vsajax init arm)'
+    return otherwise
 
 
 def validate[Model: pydantic.BaseModel](model: type[Model], data: dict[str, Any], place: str) -> Model:

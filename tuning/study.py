@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 
 from tuning.axes import Axis, Bounds, parse_axis
 from tuning.errors import InputError, Mistake, input_error
+from tuning.kinds import CONFIG, ONLY_IN_STUDIES, STUDY, require_kind
 from tuning.parts.base import AtLeastOne, Part, Positive
 from tuning.parts.bench import Clock, Excitation, Scorer, Sensing
 from tuning.parts.control import Controller, FeedbackSensor, Impact, SwingObserver, SwingScorer, SwitchedPlant
@@ -159,7 +160,6 @@ _BENCH = (
     *("plant", "impact", "controller", "sensor", "observer", "start"),
 )
 """The tables that describe what is simulated and judged, whose numbers can be varied."""
-_ONLY_IN_STUDIES = {"joint", *EstimationStudy.model_fields, *DampingStudy.model_fields} - set(Config.model_fields)
 
 
 def load_study(path: Path, settings: Sequence[str] = ()) -> Study:
@@ -192,7 +192,8 @@ def load_config(path: Path, settings: Sequence[str] = ()) -> Study | Config:
 
 def parse_config(data: Mapping[str, Any], place: str) -> Study | Config:
     """Return the study, or the estimator alone, in tables; `place` names their source in errors."""
-    if data.keys() & _ONLY_IN_STUDIES:
+    require_kind(data, place, CONFIG, STUDY)
+    if data.keys() & ONLY_IN_STUDIES:
         return parse_study(data, place)
     _check_kind(data, place)
     return validate(Config, dict(data), place)
@@ -200,6 +201,7 @@ def parse_config(data: Mapping[str, Any], place: str) -> Study | Config:
 
 def parse_study(data: Mapping[str, Any], place: str) -> Study:
     """Return a study from its tables; `place` names their source in errors."""
+    require_kind(data, place, STUDY)
     study = validate(_STUDIES[_check_kind(data, place)], _with_preset(dict(data), place), place)
     _check_together(study, place)
     return study

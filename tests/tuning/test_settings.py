@@ -100,5 +100,5 @@ def test_an_estimator_without_a_joint_is_a_configuration(tmp_path):
     path.write_text(f'schema_version = 1\nkind = "sea"\n{text[start:end]}')
     config = load_config(path)
     assert config.estimator == load_study(SEA).estimator
-    with pytest.raises(InputError, match="joint: is missing"):
+    with pytest.raises(InputError, match="is an estimator configuration, not a study of a simulated joint"):
         load_study(path)

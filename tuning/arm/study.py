@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from tuning.errors import InputError, Mistake
+from tuning.errors import InputError, Mistake, input_error
+from tuning.kinds import ARM_STUDY, require_kind
 from tuning.parts.base import AtLeastOne, NonNegative, Positive
 from tuning.resources import choose
 from tuning.schema import Seed, Table, read_toml, validate
@@ -191,14 +192,10 @@ def load_arm_study(path: Path, settings: tuple[str, ...] | list[str] = ()) -> Ar
     """
     data = with_settings(read_toml(path), settings)
     place = str(path)
+    require_kind(data, place, ARM_STUDY)
     if not is_arm_study(data):
-        raise InputError(
-            Mistake(
-                f"{place}: kind",
-                f"got {data.get('kind')!r}; this command needs 'arm'",
-                "write one with `vsajax init arm`",
-            )
-        )
+        got = "is missing" if "kind" not in data else f"got {data['kind']!r}"
+        raise input_error(f"{place}: kind", f"{got}; this command needs 'arm'", "write one with `vsajax init arm`")
     arm = data.get("arm")
     if isinstance(arm, dict) and "preset" in arm:
         own = {key: value for key, value in arm.items() if key != "preset"}

@@ -3,36 +3,62 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tuning.cli.options import JSON, QUIET, SETTINGS, STUDY, emit
 
+if TYPE_CHECKING:
+    from tuning.kinds import FileKind
+    from tuning.schema import Table
+
 
 @click.command(epilog="Example: vsajax init serial study.toml")
-@click.argument("kind")
+@click.argument("kind", required=False)
 @click.argument("file", type=click.Path(path_type=Path), required=False)
+@click.option("--list", "lists", is_flag=True, help="Print every file that ships with vsajax and what it is.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Of init map; by default LOG's name, .toml.")
 @JSON
 @QUIET
-def init(kind: str, file: Path | None, output: Path | None, as_json: bool, quiet: bool) -> None:
+def init(
+    kind: str | None, file: Path | None, lists: bool, output: Path | None, as_json: bool, quiet: bool
+) -> None:
     """Write a commented study of KIND (serial, sea, damping, arm, …) that runs as it is, to FILE or KIND.toml.
 
-    `vsajax init map LOG` proposes a signal map of LOG instead, from names and numbers, and explains each guess.
+    KIND may be the name of any shipped file, as `vsajax init --list` prints them. `vsajax init map LOG` proposes a
+    signal map of LOG instead, from names and numbers, and explains each guess.
     """
+    if lists:
+        _list_shipped(as_json=as_json, quiet=quiet)
+        return
+    if kind is None:
+        raise click.MissingParameter(param_hint="'KIND'", param_type="argument")
     if kind == "map":
         _init_map(file, output, as_json=as_json, quiet=quiet)
         return
     from tuning.errors import input_error
-    from tuning.resources import example_path
+    from tuning.resources import find_shipped
     from tuning.store import write_text
 
-    target = file or Path(f"{kind}.toml")
-    example = example_path(kind, "KIND")
+    example = find_shipped(kind, f"KIND: got {kind!r}")
+    target = file or Path(example.name)
     if target.exists():
         raise input_error(target, "exists already", "name another file, or remove it first")
     write_text(target, example.read_text(encoding="utf-8"))
     emit({"study": target}, as_json=as_json, quiet=quiet, text=f"wrote {target}; try: vsajax check {target}")
+
+
+def _list_shipped(*, as_json: bool, quiet: bool) -> None:
+    from textwrap import shorten
+
+    from tuning.resources import SHIPPED, shipped_files, summary_of
+
+    said = {name: summary_of(path) for name, path in shipped_files().items()}
+    width = max(map(len, said))
+    lines = [f"{name:<{width}}  {shorten(summary, 110, placeholder=' …')}" for name, summary in said.items()]
+    lines += ["", f"Copy one: vsajax init NAME FILE. Or use it where it lies: {SHIPPED}NAME in place of any path."]
+    emit({"shipped": said}, as_json=as_json, quiet=quiet, text="\n".join(lines))
 
 
 def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bool) -> None:
@@ -63,18 +89,47 @@ def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bo
 @JSON
 @QUIET
 def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
-    """Validate STUDY and print it in full, every default written out, with its hash."""
-    from tuning.arm.study import is_arm_study, load_arm_study
-    from tuning.schema import read_toml
-    from tuning.study import Study, load_config, resolved, study_hash, to_toml
+    """Validate STUDY and print it in full, every default written out, with its hash.
 
-    is_arm = is_arm_study(read_toml(study))
-    config = load_arm_study(study, settings) if is_arm else load_config(study, settings)
-    kind = "study" if is_arm or isinstance(config, Study) else "estimator configuration"
-    tables, digest = resolved(config), study_hash(config)
+    Configurations, studies of logs and of arms, signal maps and presets are checked alike.
+    """
+    from tuning.study import resolved, study_hash, to_toml
+
+    kind, config = _load(study, settings)
+    what, tables, digest = kind.label, resolved(config), study_hash(config)
     emit(
-        {"ok": True, "what": kind, "hash": digest, "study": tables},
+        {"ok": True, "what": what, "hash": digest, "study": tables},
         as_json=as_json,
         quiet=quiet,
-        text=lambda: f"{to_toml(tables)}\n# {study}: valid {kind}, hash {digest}",
+        text=lambda: f"{to_toml(tables)}\n# {study}: valid {what}, hash {digest}",
     )
+
+
+def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
+    """Return a TOML file of any kind, and which kind that is."""
+    from tuning import kinds
+    from tuning.schema import read_toml
+    from tuning.tables import with_settings
+
+    tables = with_settings(read_toml(path), settings)
+    kind = kinds.kind_of(tables)
+    if kind is kinds.SIGNAL_MAP:
+        from tuning.logs.signal_map import read_signal_map
+
+        return kind, read_signal_map(path, settings)
+    if kind is kinds.LOG_STUDY:
+        from tuning.logs.study import load_log_study
+
+        return kind, load_log_study(path, settings)
+    if kind is kinds.ARM_STUDY:
+        from tuning.arm.study import load_arm_study
+
+        return kind, load_arm_study(path, settings)
+    if kind is kinds.JOINT or kind is kinds.ARM:
+        from tuning.presets import parse_arm, parse_joint
+
+        return kind, (parse_joint if kind is kinds.JOINT else parse_arm)(tables, str(path))
+    from tuning.study import Study, load_config
+
+    config = load_config(path, settings)
+    return kinds.STUDY if isinstance(config, Study) else kinds.CONFIG, config

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tuning.study import Study
 
 
-@click.command(epilog="Example: vsajax contest configs/contests/damping.toml -o runs/contest")
+@click.command(epilog="Example: vsajax contest shipped:contests/damping -o runs/contest")
 @STUDY
 @RUN
 @click.option(

@@ -306,7 +306,7 @@ def to_map(proposal: Proposal, path: Path) -> str:
     """Return a proposal as the commented text of a signal map."""
     column, unit, reason = proposal.clock
     lines = [
-        f"# Signal map proposed for {path.name} from names and numbers: check every line. configs/logs/hebi.toml",
+        f"# Signal map proposed for {path.name} from names and numbers: check every line. `vsajax init logs/hebi`",
         "# explains every key. Then: vsajax estimate LOG --map THIS -c CONFIG --report log.html",
         "",
         "schema_version = 1",

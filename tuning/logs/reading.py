@@ -157,7 +157,7 @@ def _map_canonical(log: Log, kind: Kind | None, notes: list[str]) -> SignalMap:
         absent = [
             (str(log.path), f"no column {words}, needed for kind {known!r}", name) for name, words in lacking
         ]
-        way_out = "rename them, or say which is which in a signal map (examples: configs/logs)"
+        way_out = "rename them, or say which is which in a signal map (an example: vsajax init logs/hebi map.toml)"
         raise InputError(*_missing_columns(log, absent, way_out))
     ignored = [n for n in log.names if n and n != "time" and n not in signals_of(known)]
     if ignored:

@@ -1,18 +1,21 @@
 """Signal maps: which column of a foreign log is which signal, and in what unit.
 
-A map is a TOML file; `configs/logs` holds commented examples to copy.
+A map is a TOML file; `vsajax init logs/hebi` writes a commented example to copy.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 import pydantic
 
+from tuning.kinds import SIGNAL_MAP, require_kind
 from tuning.schema import Table, read_toml, validate
+from tuning.tables import with_settings
 
 Kind = Literal["serial", "antagonistic", "sea"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -370,13 +373,15 @@ def position_of(motor_torque: str) -> str:
     return motor_torque.replace("torque", "position")
 
 
-def read_signal_map(path: Path) -> SignalMap:
-    """Return the signal map in a TOML file.
+def read_signal_map(path: Path, settings: Sequence[str] = ()) -> SignalMap:
+    """Return the signal map in a TOML file, with `a.b=value` settings applied before it is validated.
 
     Raises:
         InputError: listing every mistake with its key.
     """
-    return validate(SignalMap, read_toml(path), str(path))
+    tables = with_settings(read_toml(path), settings)
+    require_kind(tables, str(path), SIGNAL_MAP)
+    return validate(SignalMap, tables, str(path))
 
 
 def canonical_map(kind: Kind, present: set[str]) -> SignalMap:

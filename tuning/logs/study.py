@@ -10,6 +10,7 @@ from pydantic import Field
 
 from tuning.axes import Bounds
 from tuning.errors import InputError, Mistake, input_error
+from tuning.kinds import LOG_STUDY, require_kind
 from tuning.parts.base import AtLeastOne, Positive
 from tuning.parts.estimators import StiffnessEstimator
 from tuning.schema import Seed, Table, read_toml, validate
@@ -71,7 +72,9 @@ def load_log_study(path: Path, settings: Sequence[str] = ()) -> LogStudy:
     Raises:
         InputError: lists every mistake with its path.
     """
-    study = validate(LogStudy, with_settings(read_toml(path), settings), str(path))
+    tables = with_settings(read_toml(path), settings)
+    require_kind(tables, str(path), LOG_STUDY)
+    study = validate(LogStudy, tables, str(path))
     numbers = numeric_paths(study)
     mistakes: list[Mistake] = []
     if not isinstance(study.estimator, StiffnessEstimator):

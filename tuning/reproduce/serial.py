@@ -172,7 +172,7 @@ def _identity_row() -> Row:
         "relative",
         0.0,
         1e-12,
-        "the enhanced RLS is ordinary RLS started from c·P(0): docs/enhanced-rls.md",
+        "the enhanced RLS is ordinary RLS started from c·P(0)",
     )
 
 

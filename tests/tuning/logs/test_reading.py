@@ -222,7 +222,7 @@ def test_all_columns_a_canonical_file_lacks_are_named_at_once(tmp_path):
         "no column motor_torque",
         "columns present: t, setpoint_position, link_positon",
         "signal map",
-        "configs/logs",
+        "vsajax init logs/hebi",
     ):
         assert words in said
     assert "no column deflection (or link_position and motor_position)" in message(log, kind="sea")

@@ -1,0 +1,30 @@
+"""Joints and arms that lie in files of their own, checked as they would be in a study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tuning.arm.study import Arm
+from tuning.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
+from tuning.schema import validate
+
+
+def parse_joint(tables: Mapping[str, Any], place: str) -> SerialJoint | FlexibleJoint | AntagonisticJoint:
+    """Return the joint that tables describe; its motors tell which kind of joint it is.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
+    if tables.keys() & {"motor1", "motor2", "spring1", "spring2"}:
+        return validate(AntagonisticJoint, dict(tables), place)
+    return validate(SerialJoint if "setpoint_motor" in tables else FlexibleJoint, dict(tables), place)
+
+
+def parse_arm(tables: Mapping[str, Any], place: str) -> Arm:
+    """Return the arm that tables describe.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
+    return validate(Arm, dict(tables), place)
