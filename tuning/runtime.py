@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from pathlib import Path
+from typing import Any
 
 _DEVICES = "--xla_force_host_platform_device_count"
 _VECTORS = "--xla_cpu_prefer_vector_width"
@@ -44,5 +46,35 @@ def start_jax() -> None:
 
     jax.config.update("jax_enable_x64", True)
     if not sys.flags.dev_mode:
+        heal_cache(cache_folder())
         jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.02)
+
+
+def heal_cache(folder: Path) -> None:
+    """Empty the compile cache in `folder` once jax cannot read it, and say so in one line.
+
+    Without this, jax warns of every program, at every run: it never replaces an entry that is damaged.
+    """
+    show, is_told = warnings.showwarning, False
+
+    def show_once(message: Any, *arguments: Any, **options: Any) -> None:
+        nonlocal is_told
+        if "persistent compilation cache" not in str(message):
+            show(message, *arguments, **options)
+        elif not is_told:
+            is_told = True
+            print(f"note: the compile cache {folder} {_emptied(folder)}", file=sys.stderr)
+
+    warnings.showwarning = show_once
+
+
+def _emptied(folder: Path) -> str:
+    """Remove every program in the cache, and return what to tell."""
+    try:
+        for entry in folder.iterdir():
+            if entry.name.endswith(("-cache", "-atime")):
+                entry.unlink(missing_ok=True)
+    except OSError as error:
+        return f"cannot be used ({error.strerror}); programs are compiled anew. VSAJAX_CACHE names another folder"
+    return "was damaged and has been emptied; programs are compiled once more"

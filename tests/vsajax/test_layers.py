@@ -33,7 +33,7 @@ ALLOWED = {
     "switching": {"types", "numerics", "rollout"},
 }
 # The floor that knows plants and estimators or controllers.
-TOP = {"", "experiment", "closed_loop", "estimated_loop", "antagonistic_loop", "arm_loop"}
+TOP = {"", "__main__", "experiment", "closed_loop", "estimated_loop", "antagonistic_loop", "arm_loop"}
 PACKAGES = ("arms", "control", "estimators", "numerics", "plants", "sensing", "switching")
 
 
@@ -74,7 +74,9 @@ def test_imports_point_down(module):
 def test_library_never_imports_the_lab(module):
     tops = {name.split(".")[0] for name in imports(MODULES[module])}
     standard = {"__future__", "abc", "collections", "enum", "functools", "itertools", "math", "typing"}
-    assert tops <= standard | {
+    # `python -m vsajax` looks up the command that is installed beside the library; nothing else may look about.
+    door = {"importlib"} if module == "vsajax.__main__" else set()
+    assert tops <= standard | door | {
         "vsajax",
         "equinox",
         "jax",

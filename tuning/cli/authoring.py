@@ -129,7 +129,12 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
         from tuning.presets import parse_arm, parse_joint
 
         return kind, (parse_joint if kind is kinds.JOINT else parse_arm)(tables, str(path))
-    from tuning.study import Study, load_config
+    from tuning.parts.bench import RecordedTorque
+    from tuning.study import EstimationStudy, Study, load_config
 
     config = load_config(path, settings)
+    if isinstance(config, EstimationStudy):
+        for _, torque in config.excitation:
+            if isinstance(torque, RecordedTorque):
+                torque.arguments()
     return kinds.STUDY if isinstance(config, Study) else kinds.CONFIG, config

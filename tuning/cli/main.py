@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import sys
+from collections.abc import Iterator
 from typing import NoReturn
 
 import click
@@ -64,19 +67,19 @@ def run(arguments: list[str] | None = None) -> int:
     except click.exceptions.Exit as ending:
         return ending.exit_code
     except (KeyboardInterrupt, click.Abort):
-        click.echo("interrupted; finished work is kept: run the same command with --resume", err=True)
+        with _unheard():
+            click.echo("interrupted; finished work is kept: run the same command with --resume", err=True)
         return INTERRUPTED
     except click.ClickException as error:
-        error.show(sys.stderr)
-        return BAD_INPUT
-    except InputError as error:
-        click.echo(_as_text(error), err=True)
+        with _unheard():
+            error.show(sys.stderr)
         return BAD_INPUT
     except Exception as error:
-        message = _users_mistake(error)
+        message = _as_text(error) if isinstance(error, InputError) else _users_mistake(error)
         if message is None:
             raise
-        click.echo(f"error: {message}", err=True)
+        with _unheard():
+            click.echo(message, err=True)
         return BAD_INPUT
 
 
@@ -85,10 +88,29 @@ def main() -> NoReturn:
     code = run()
     if code == INTERRUPTED:
         # Threads of the compiled program may still run; tearing the interpreter down under them would crash it.
-        sys.stdout.flush()
-        sys.stderr.flush()
+        with _unheard():
+            _flush()
+            sys.stderr.flush()
         os._exit(code)
+    try:
+        _flush()
+    except OSError:
+        # It was told already. What is left unwritten must not be tried again when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
+
+
+def _flush() -> None:
+    # Python has no standard output where the shell closed it.
+    if sys.stdout is not None:
+        sys.stdout.flush()
+
+
+@contextlib.contextmanager
+def _unheard() -> Iterator[None]:
+    """Go on where nobody can be told: standard error is closed, or on a full disk."""
+    with contextlib.suppress(OSError):
+        yield
 
 
 def _as_text(error: InputError) -> str:
@@ -96,9 +118,17 @@ def _as_text(error: InputError) -> str:
 
 
 def _users_mistake(error: Exception) -> str | None:
-    """Return what to tell the user where the library refused the user's input, else `None`."""
+    """Return what to tell of what a user can mend though no reader of input found it, else `None`."""
+    if isinstance(error, OSError):
+        if error.filename is not None:
+            return f"error: {error.filename}: cannot be read or written ({error.strerror})"
+        # Files are told by name; without one it is where the answer was printed to.
+        if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}:
+            problem = f"error: standard output: cannot be written ({error.strerror})"
+            return f"{problem}\n    fix: make room there, or send it elsewhere; what was written to files is whole"
+        return None
     if "jax" not in sys.modules:
         return None
     from vsajax import MissingSignalError
 
-    return str(error) if isinstance(error, MissingSignalError | FloatingPointError) else None
+    return f"error: {error}" if isinstance(error, MissingSignalError | FloatingPointError) else None

@@ -138,9 +138,10 @@ def read_series(path: Path, column: str) -> tuple[np.ndarray, np.ndarray]:
         InputError: the file cannot be used, lacks a column, or time does not strictly increase.
     """
     log = read_log_file(path)
-    absent = [("", name, "") for name in ("time", column) if name not in log.names]
+    absent = [(str(path), f"no column {name}", name) for name in ("time", column) if name not in log.names]
     if absent:
-        raise InputError(*_missing_columns(Log(path, (log,)), absent))
+        way_out = 'call the clock "time", and name the torque: column = "…" beside path'
+        raise InputError(*_missing_columns(Log(path, (log,)), absent, way_out))
     rows = np.arange(log.table.num_rows)
     time, *_ = read_clock(log, Clock(column="time", unit="s"), log.numbers("time", rows), rows)
     return time, log.numbers(column, rows).astype(np.float64)

@@ -1,0 +1,5 @@
+"""`python -m tuning`: the command line."""
+
+from tuning.cli import main
+
+main()
