@@ -16,6 +16,7 @@ from vsajax import (
     estimated_loop,
     estimators,
     experiment,
+    guard,
     metrics,
     numerics,
     plants,
@@ -27,6 +28,7 @@ from vsajax import (
 )
 from vsajax.closed_loop import ControlLoop, SwingMotion
 from vsajax.experiment import Bench, Truth, estimate, measure, score, simulate
+from vsajax.guard import Guarded
 from vsajax.metrics import Scorer, Scores
 from vsajax.settling import SwingScorer, SwingScores
 from vsajax.types import Command, Estimate, MissingSignalError, PrecisionError, Recording, Sample, Swing
@@ -38,6 +40,7 @@ __all__ = [
     "Command",
     "ControlLoop",
     "Estimate",
+    "Guarded",
     "MissingSignalError",
     "PrecisionError",
     "Recording",
@@ -58,6 +61,7 @@ __all__ = [
     "estimated_loop",
     "estimators",
     "experiment",
+    "guard",
     "measure",
     "metrics",
     "numerics",

@@ -9,10 +9,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key
 
-from vsajax import plants, rollout, sensitivity
+from vsajax import guard, plants, rollout, sensitivity
 from vsajax.estimators import AbstractEstimator, StiffnessEstimator
 from vsajax.estimators.lag import LagState, lagged, start_lag
 from vsajax.metrics import Scorer, Scores, ScoreState
@@ -74,6 +75,8 @@ def measure(bench: Bench, truth: Truth, *, key: Key[Array, ""]) -> Recording:
 def estimate(estimator: AbstractEstimator, recording: Recording, *, segment: int | None = None) -> Estimate:
     """Run an estimator over a recording, simulated or real.
 
+    A sample with a reading or a time that is no number is left out, as `guard.Guarded` does it on a robot.
+
     Args:
         estimator: any estimator.
         recording: `(time,)` signals.
@@ -86,8 +89,15 @@ def estimate(estimator: AbstractEstimator, recording: Recording, *, segment: int
         MissingSignalError: the recording lacks a signal that the estimator needs.
         PrecisionError: double precision is off.
     """
-    prepared = estimator.offline(recording.samples())
-    return rollout.scan(prepared.step, prepared.state, prepared.inputs, segment=segment)[1]
+    sound = guard.are_sound(recording)
+    order = jnp.argsort(~sound, stable=True)
+    # The sound samples come first; the last of them fills the rest, whose answers nobody reads.
+    last = order[jnp.sum(sound) - 1]
+    kept = jax.tree.map(lambda x: x[jnp.where(sound[order], order, last)], recording)
+    prepared = estimator.offline(kept.samples())
+    answers = rollout.scan(prepared.step, prepared.state, prepared.inputs, segment=segment)[1]
+    first = jax.tree.map(lambda x: x[0], recording.samples())
+    return guard.given_again(answers, sound, guard.Guarded(estimator).init(first).answer)
 
 
 def score(estimator: AbstractEstimator, recording: Recording, stiffness: Series, *, scorer: Scorer) -> Scores:

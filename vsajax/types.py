@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 Scalar = Float[Array, ""]
 Series = Float[Array, " time"]
@@ -151,6 +151,9 @@ class Estimate(NamedTuple):
         known: whether the excitation so far is enough to believe the stiffness.
         signals: the signals behind the answer.
         sides: of an antagonistic pair, the estimates of its two transmissions; their stiffnesses add up.
+        held: whether this sample was left out and the last answer is given again, see `vsajax.guard`; `None` of a
+            bare step, which leaves no sample out.
+        skipped: how many samples were left out so far.
     """
 
     stiffness: Float[Array, "..."]
@@ -159,6 +162,8 @@ class Estimate(NamedTuple):
     known: Bool[Array, "..."]
     signals: Signals
     sides: tuple[Estimate, ...] = ()
+    held: Bool[Array, "..."] | None = None
+    skipped: Int[Array, "..."] | None = None
 
 
 class Swing(NamedTuple):
@@ -190,7 +195,12 @@ class Command(NamedTuple):
     Args:
         stiffness: [N·m/rad].
         motor_position: θ [rad].
+        held: whether this sample was left out and the last command is given again, see `vsajax.guard`; `None` of a
+            bare step, which leaves no sample out.
+        skipped: how many samples were left out so far.
     """
 
     stiffness: Float[Array, "..."]
     motor_position: Float[Array, "..."]
+    held: Bool[Array, "..."] | None = None
+    skipped: Int[Array, "..."] | None = None

@@ -21,6 +21,7 @@ MODULES = {
 ALLOWED = {
     "types": set(),
     "numerics": {"types"},
+    "guard": {"types"},
     "rollout": {"types", "numerics"},
     "sensitivity": {"types", "rollout"},
     "arms": {"types", "numerics"},

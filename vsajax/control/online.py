@@ -37,6 +37,11 @@ class ArmReading(NamedTuple):
     posture: Joints
     stiffness: Matrix
 
+    @property
+    def readings(self) -> tuple[Joints, Joints, Joints]:
+        """What must be sound: the desired stiffness is judged by the design, which answers with a status."""
+        return self.position, self.velocity, self.posture
+
 
 class ArmCommand(NamedTuple):
     """What the controller of an arm answers.
@@ -49,6 +54,9 @@ class ArmCommand(NamedTuple):
         is_exact: whether the hand has the desired stiffness.
         status: 0 solved, 1 singular pose, 2 stiffer than the controller may be, 3 not optimal; of what is refused
             every number is NaN: 4 not finite, 5 bounds out of order, 6 not symmetric positive definite.
+        held: whether a reading was broken and the last command is given again, see `vsajax.guard`; `None` of a
+            bare step, which leaves no sample out.
+        skipped: how many samples were left out so far.
     """
 
     joint_stiffness: Joints
@@ -57,6 +65,8 @@ class ArmCommand(NamedTuple):
     scale: Scalar
     is_exact: Bool[Array, ""]
     status: Int[Array, ""]
+    held: Bool[Array, ""] | None = None
+    skipped: Int[Array, ""] | None = None
 
 
 class ArmController(eqx.Module):

@@ -42,4 +42,5 @@ class ExcitationGate(eqx.Module):
         """Return (state, whether the stiffness is known)."""
         state = GateState(jnp.minimum(state.lowest, deflection), jnp.maximum(state.highest, deflection))
         has_moved = state.highest - state.lowest >= self.min_deflection_range
-        return state, has_moved & (std <= self.max_relative_std * jnp.abs(stiffness))
+        is_tight = (std <= self.max_relative_std * jnp.abs(stiffness)) & (std < jnp.inf)
+        return state, has_moved & is_tight
