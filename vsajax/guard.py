@@ -67,7 +67,8 @@ class Guarded[Module](eqx.Module):
             missed = jnp.where(sound, 0.0, missed + jnp.where(_is_in_range(sample.dt, 0.0), sample.dt, 0.0))
         inner = _where(state.started, state.inner, module.init(safe))
         moved, answer = module.step(inner, safe)
-        skipped = state.answer.skipped + jnp.where(sound, 0, 1).astype(jnp.int32)
+        before = state.answer.skipped
+        skipped = jnp.where(sound, before, jnp.maximum(before, before + 1))
         held = not_known(state.answer)._replace(held=jnp.ones((), bool), skipped=skipped)
         answer = answer._replace(held=jnp.zeros((), bool), skipped=skipped)
         answer = _where(sound, answer, held)
@@ -131,5 +132,5 @@ def _still(sample: Any) -> Any:
     return sample._replace(dt=jnp.zeros_like(sample.dt)) if hasattr(sample, "dt") else sample
 
 
-def _where(condition: Bool[Array, ""], one: Any, other: Any) -> Any:
+def _where(condition: Bool[Array, "..."], one: Any, other: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), one, other)

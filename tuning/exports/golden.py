@@ -17,7 +17,7 @@ from tuning.exports.checks.checking import deviation
 from tuning.exports.deployable import Deployable
 from tuning.exports.layout import dotted
 from tuning.exports.program import Slot, StepProgram
-from vsajax import rollout
+from vsajax import Guarded, rollout
 
 Columns = dict[str, np.ndarray]
 
@@ -127,8 +127,9 @@ def answers(
 
     @jax.jit
     def run(module: Any, samples: Any, zero: jax.Array) -> Any:
-        step = module.step if is_fused else uncontracted(module.step, zero)
-        state = module.init(jax.tree.map(lambda x: x[0], samples))
+        runs = Guarded(module) if program.guarded else module
+        step = runs.step if is_fused else uncontracted(runs.step, zero)
+        state = runs.init(jax.tree.map(lambda x: x[0], samples))
         return rollout.scan(step, state, samples)[1]
 
     answers = run(module, samples, jnp.asarray(0))

@@ -17,6 +17,7 @@ import numpy as np
 from tuning.exports.flatten import Flat, flatten
 from tuning.exports.layout import Leaf, Path, Record, describe, dotted, elements
 from tuning.exports.ranges import Limits, Range
+from vsajax.guard import readings_of
 
 Places = list[tuple[Path, Leaf]]
 
@@ -53,7 +54,10 @@ class StepProgram:
         inputs: of one sample.
         outputs: of one sample.
         init: (parameters, inputs) -> state, traced.
-        step: (parameters, state, inputs) -> (state, outputs), traced.
+        step: (parameters, state, inputs) -> (state, outputs), traced; the bare step of what is guarded.
+        guarded: names of the inputs that must be sound, see `vsajax.guard`; whatever runs the step leaves a sample
+            out where one is not, and adds the last two outputs, `held` and `skipped`. Empty where nothing is
+            guarded.
         limits: of the parameters.
     """
 
@@ -66,6 +70,7 @@ class StepProgram:
     init: Flat
     step: Flat
     limits: Limits
+    guarded: tuple[str, ...] = ()
 
     @property
     def defaults(self) -> list[np.ndarray]:
@@ -104,10 +109,17 @@ def trace(
     """
     start, first = jax.make_jaxpr(init, return_shape=True)(module, inputs)
     whole, (_, answer) = jax.make_jaxpr(step, return_shape=True)(module, first, inputs)
-    slots = [_slot(module), _slot(first, is_optional=True), _slot(inputs), _slot(answer)]
+    guarded = ()
+    if hasattr(answer, "held"):
+        marks = jax.ShapeDtypeStruct((), bool), jax.ShapeDtypeStruct((), np.int32)
+        answer = answer._replace(held=marks[0], skipped=marks[1])
+        guarded = _readings(inputs)
+    slots = [slot_of(module), slot_of(first, is_optional=True), slot_of(inputs), slot_of(answer)]
     paths = [path for path, _ in slots[0].places]
     known = Limits((Range(),) * len(paths)) if limits is None else limits(paths)
-    return StepProgram(name, title, *slots, init=flatten(start), step=flatten(whole), limits=known)
+    return StepProgram(
+        name, title, *slots, init=flatten(start), step=flatten(whole), limits=known, guarded=guarded
+    )
 
 
 def program_of(
@@ -139,7 +151,16 @@ def program_of(
     return traced(jax.tree.unflatten(structure, [leaf if i in read else None for i, leaf in enumerate(leaves)]))
 
 
-def _slot(tree: Any, *, is_optional: bool = False) -> Slot:
+def _readings(inputs: Any) -> tuple[str, ...]:
+    """Return the names of the inputs that must be sound."""
+    names = slot_of(inputs).names
+    leaves, structure = jax.tree.flatten(inputs)
+    numbered = jax.tree.unflatten(structure, range(len(leaves)))
+    return tuple(names[i] for i in jax.tree.leaves(readings_of(numbered)))
+
+
+def slot_of(tree: Any, *, is_optional: bool = False) -> Slot:
+    """Return a slot of a tree of arrays, or of their shapes."""
     layout = describe(tree)
     if layout is None and is_optional:
         return Slot(Record("nothing", "", {}), [], tree)

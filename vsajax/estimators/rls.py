@@ -40,6 +40,10 @@ from vsajax.numerics import (
 )
 from vsajax.types import Scalar, as_leaf, require_float64
 
+_OVERFLOW = 1e30
+"""Leverage from which a sample's features are not used; its root bounds the innovation, whose square is summed."""
+_OVERFLOW_ROOT = 1e15
+
 
 class Step(NamedTuple):
     """How a gain law weights a sample.
@@ -227,12 +231,21 @@ class RecursiveLeastSquares(eqx.Module):
         return FitState(lanes_minor(jnp.full((size,), zero)), covariance, zero, zero, zero, zero)
 
     def step(self, state: FitState, features: Vector, target: Scalar) -> tuple[FitState, Scalar]:
-        """Use one sample; return (state, stability factor a)."""
+        """Use one sample; return (state, stability factor a).
+
+        Features whose leverage is no number, or overflows, change nothing; such an innovation no coefficient.
+        """
         column = symmetric_product(state.covariance, features)
         leverage = dot(features, column)
+        # Powers of a reading that is absurd but finite overflow, in single precision sooner. NaN compares false.
+        # The torque must have no say in what becomes of P, so an absurd one is kept out further below.
+        is_usable = once(leverage < _OVERFLOW)
+        column = jnp.where(is_usable, column, 0.0)
+        leverage = jnp.where(is_usable, leverage, 0.0)
         factor, inflation, spread = self.law(leverage)
         gain = once(factor / (1.0 + leverage))
-        innovation = once(target - dot(features, state.coefficients))
+        innovation = target - dot(features, state.coefficients)
+        innovation = once(jnp.where(jnp.abs(innovation) < _OVERFLOW_ROOT, innovation, 0.0))
         correction = once(gain * innovation)
         spread = self._with_prior(spread, lambda: dot(column, column))
         seen = self._with_prior(innovation, lambda: -dot(column, state.coefficients))
@@ -248,7 +261,7 @@ class RecursiveLeastSquares(eqx.Module):
             covariance,
             memory * state.squares + normalised * normalised,
             memory * state.products + normalised * state.last,
-            memory * state.weight + 1.0,
+            memory * state.weight + jnp.where(is_usable, 1.0, 0.0),
             normalised,
         )
         return state, factor

@@ -16,9 +16,10 @@ from tuning.exports.c99.lowering import Code
 from tuning.exports.c99.naming import identifier
 from tuning.exports.c99.printing import FUNCTIONS, HELPERS, decimal, number, place, short, statement, sums
 from tuning.exports.c99.rolling import roll
-from tuning.exports.layout import Field, Leaf, Record, Repeated
+from tuning.exports.layout import Field, Leaf, Record, Repeated, dotted
 from tuning.exports.program import StepProgram
 from tuning.exports.rendering import render
+from vsajax.guard import LARGEST_READING
 
 _ARGUMENTS = frozenset({"self", "in", "out", "first", "params", "refused", "turn", *"ijklmn"})
 """What no local variable may be called."""
@@ -54,13 +55,15 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
     inputs = structs.of("input", program.inputs.layout)
     outputs = structs.of("output", program.outputs.layout)
     derived = _derived_struct(name, generated.derived)
-    shared = {"name": name, "title": program.title, "banner": banner}
+    has_clock, has_state = "dt" in program.inputs.names, bool(program.state.places)
+    shared = {"name": name, "title": program.title, "banner": banner, "is_guarded": bool(program.guarded)}
     header = render(
         "step.h",
         **shared,
         parameters=len(program.parameters.places),
         has_derived=bool(derived),
-        has_state=bool(program.state.places),
+        has_state=has_state,
+        has_clock=has_clock,
         structs="\n".join([*params, *state, *derived, *inputs, *outputs]),
     )
     prepare, init, step = (_body(code) for code in (generated.prepare, generated.init, generated.step))
@@ -72,18 +75,45 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
         f"int {name}_check(const {name}_params *params)\n{{\n"
         f"{_lines([*_unused('params', checked), *checked])}}}\n",
         f"const char *{name}_refusal(int refused)\n{{\n{_lines(_refusal_lines(program))}}}\n",
-        f"int {name}_init({name} *self, const {name}_params *params, const {name}_input *first)\n{{\n"
-        f"{_lines([*_taken(name), *_unused('first', init), *init, 'return refused;'])}}}\n",
+        *_entries(program, init, step),
         f"int {name}_tune({name} *self, const {name}_params *params)\n{{\n{_lines(_TUNED)}}}\n".replace(
             "NAME", name
         ),
-        f"void {name}_step({name} *self, const {name}_input *in, {name}_output *out)\n{{\n"
-        f"{_lines([*_unused('self', step), *step])}}}\n",
     ]
     text = "\n".join(body)
     functions = [(short(f), f) for f in sorted(set(FUNCTIONS.values())) if f"r_{short(f)}(" in text]
     helpers = [helper for operation, helper in HELPERS.items() if f"r_{operation}(" in text]
-    return Source(name, header, render("step.c", **shared, functions=functions, helpers=helpers, body=text))
+    largest = decimal(LARGEST_READING)
+    values = {"functions": functions, "helpers": helpers, "largest": largest, "body": text}
+    return Source(name, header, render("step.c", **shared, **values))
+
+
+def _entries(program: StepProgram, init: list[str], step: list[str]) -> Iterator[str]:
+    """Yield the public functions of init and step: the statements themselves, or what guards them."""
+    name = program.name
+    instance, given = f"{name} *self", f"const {name}_input *in, {name}_output *out"
+    advance = f"{_lines([*_unused('self', step), *step])}}}\n"
+    if not program.guarded:
+        begin = [*_taken(name), *_unused("first", init), *init, "return refused;"]
+        yield (
+            f"int {name}_init({instance}, const {name}_params *params, const {name}_input *first)\n{{\n"
+            f"{_lines(begin)}}}\n"
+        )
+        yield f"void {name}_step({instance}, {given})\n{{\n{advance}"
+        return
+    if program.state.places:
+        start = _lines([*_unused("self", init), *_unused("first", init), *init])
+        yield f"static void start({instance}, const {name}_input *first)\n{{\n{start}}}\n"
+    yield f"static void advance({instance}, {given})\n{{\n{advance}"
+    readings = [
+        {"place": member(path) + "".join(f"[i{n}]" for n in range(len(leaf.shape))), "shape": leaf.shape}
+        for path, leaf in program.inputs.places
+        if dotted(path) in program.guarded
+    ]
+    known = [member(path) for path, _ in program.outputs.places if path[-1] == "known"]
+    values = {"name": name, "taken": _taken(name), "readings": readings, "known": known}
+    values |= {"has_clock": "dt" in program.inputs.names, "has_state": bool(program.state.places)}
+    yield render("guard.c", **values)
 
 
 _TUNED = [

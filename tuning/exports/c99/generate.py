@@ -110,7 +110,8 @@ def generate(program: StepProgram) -> Generated:
     new = _storages(state.places, "next", "result")
     known |= {id(s): stored(o) for s, o in zip(program.step.inputs[n : n + len(old)], old, strict=True)}
     known |= _given(program.step.inputs[n + len(old) :], inputs, "in", "given")
-    answers = _storages(program.outputs.places, "out", "result")
+    own = len(program.step.outputs) - len(old)
+    answers = _storages(program.outputs.places[:own], "out", "result")
     results = dict(enumerate([*new, *answers]))
     Lowering(Flat((), program.step.outputs, varying), known, step, results).run()
     _drop_unchanged(step, old, new)
