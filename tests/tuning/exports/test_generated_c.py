@@ -18,7 +18,7 @@ from tuning.exports.c99.generate import generate
 from tuning.exports.estimator import inputs_of, sample_of
 from tuning.exports.flatten import Untraceable
 from tuning.exports.program import program_of, trace
-from vsajax import Recording, plants
+from vsajax import Guarded, Recording, plants
 from vsajax import estimators as es
 from vsajax.numerics import once
 from vsajax.types import as_leaf
@@ -174,7 +174,8 @@ def test_every_estimator_and_part_is_the_same_in_c(name, tmp_path):
     signals = full_recording(120)
     kept = {signal: getattr(signals, signal) for signal in inputs_of(estimator)}
     samples = Recording(signals.time, **kept).samples()
-    golden = answers_of(program, estimator, lambda e, s, u: e.step(s, u), lambda e, u: e.init(u), samples)
+    guarded = Guarded(estimator)
+    golden = answers_of(program, guarded, lambda e, s, u: e.step(s, u), lambda e, u: e.init(u), samples)
     worst = replay(program, golden, tmp_path, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     assert max(worst.values()) < 1e-9, worst
 

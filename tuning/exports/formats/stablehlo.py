@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -12,8 +13,8 @@ from jax.extend import core as jex
 
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.flatten import Flat
-from tuning.exports.program import Slot, StepProgram
-from vsajax import rollout
+from tuning.exports.program import Slot, StepProgram, slot_of
+from vsajax import Guarded, rollout
 
 _PLATFORMS = ("cpu", "cuda")
 _USAGE = """```python
@@ -43,7 +44,7 @@ def write_stablehlo(subject: Subject) -> Artefact:
     program = subject.program
     functions = Functions(program)
     parameters = _shapes(program.parameters)
-    state, sample = _shapes(program.state), _shapes(program.inputs)
+    state, sample = _shapes(functions.state), _shapes(program.inputs)
     lanes, time = export.symbolic_shape("lanes, time")
     recording = {name: jax.ShapeDtypeStruct((lanes, time, *x.shape), x.dtype) for name, x in sample.items()}
     exported = {
@@ -60,6 +61,38 @@ def write_stablehlo(subject: Subject) -> Artefact:
     return Artefact(files, "stablehlo", usage, {"stablehlo": versions | {"platforms": list(_PLATFORMS)}})
 
 
+@dataclass(frozen=True)
+class _Traced:
+    """A program's step over named tuples, as `vsajax.guard` takes it.
+
+    Args:
+        program: the program.
+        parameters: its parameters, in jax' order.
+    """
+
+    program: StepProgram
+    parameters: list[Any]
+
+    def init(self, sample: Any) -> Any:
+        """Return the state before the first sample."""
+        p = self.program
+        return jax.tree.unflatten(
+            jax.tree.structure(p.state.tree), _run(p.init, [*self.parameters, *jax.tree.leaves(sample)])
+        )
+
+    def step(self, state: Any, sample: Any) -> tuple[Any, Any]:
+        """Return the next state and the outputs."""
+        p = self.program
+        results = _run(p.step, [*self.parameters, *jax.tree.leaves((state, sample))])
+        count = len(p.state.places)
+        answer = p.outputs.tree
+        bare = answer._replace(held=None, skipped=None) if p.guarded else answer
+        return (
+            jax.tree.unflatten(jax.tree.structure(p.state.tree), results[:count]),
+            jax.tree.unflatten(jax.tree.structure(bare), results[count:]),
+        )
+
+
 class Functions:
     """A program as functions of dictionaries of arrays.
 
@@ -69,20 +102,23 @@ class Functions:
 
     def __init__(self, program: StepProgram):
         self.program = program
+        self.state = program.state
+        if program.guarded:
+            parameters = jax.tree.leaves(program.parameters.tree)
+            module = self._module(dict(zip(program.parameters.names, parameters, strict=True)))
+            self.state = slot_of(jax.eval_shape(module.init, program.inputs.tree))
 
     def init(self, parameters: dict[str, Any], sample: dict[str, Any]) -> dict[str, Any]:
         """Return the state before the first sample."""
-        p = self.program
-        return _named(p.state, _run(p.init, _listed(p.parameters, parameters) + _listed(p.inputs, sample)))
+        return _named(self.state, self._module(parameters).init(_assembled(self.program.inputs, sample)))
 
     def step(
         self, parameters: dict[str, Any], state: dict[str, Any], sample: dict[str, Any]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the next state and the outputs."""
-        p = self.program
-        given = _listed(p.parameters, parameters) + _listed(p.state, state) + _listed(p.inputs, sample)
-        results = _run(p.step, given)
-        return _named(p.state, results[: len(p.state.places)]), _named(p.outputs, results[len(p.state.places) :])
+        given = _assembled(self.state, state), _assembled(self.program.inputs, sample)
+        moved, answer = self._module(parameters).step(*given)
+        return _named(self.state, moved), _named(self.program.outputs, answer)
 
     def scan(self, parameters: dict[str, Any], recordings: dict[str, Any]) -> dict[str, Any]:
         """Return the outputs over `(lane, time)` recordings."""
@@ -95,6 +131,10 @@ class Functions:
             )[1]
 
         return jax.vmap(lane)(recordings)
+
+    def _module(self, parameters: dict[str, Any]) -> Any:
+        traced = _Traced(self.program, [jnp.asarray(parameters[name]) for name in self.program.parameters.names])
+        return Guarded(traced) if self.program.guarded else traced
 
 
 def _run(flat: Flat, given: list[Any]) -> list[Any]:
@@ -111,9 +151,10 @@ def _shapes(slot: Slot) -> dict[str, jax.ShapeDtypeStruct]:
     return {name: jax.ShapeDtypeStruct(x.shape, x.dtype) for name, x in zip(slot.names, leaves, strict=True)}
 
 
-def _listed(slot: Slot, values: dict[str, Any]) -> list[Any]:
-    return [jnp.asarray(values[name]) for name in slot.names]
+def _assembled(slot: Slot, values: dict[str, Any]) -> Any:
+    leaves = [jnp.asarray(values[name]) for name in slot.names]
+    return jax.tree.unflatten(jax.tree.structure(slot.tree), leaves)
 
 
-def _named(slot: Slot, values: list[Any]) -> dict[str, Any]:
-    return dict(zip(slot.names, values, strict=True))
+def _named(slot: Slot, tree: Any) -> dict[str, Any]:
+    return dict(zip(slot.names, jax.tree.leaves(tree), strict=True))
