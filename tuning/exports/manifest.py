@@ -33,6 +33,7 @@ def manifest_of(subject: Subject, target: str, source: Path, artefact: Artefact)
         "units": "SI: rad, s, N·m, N·m/rad",
         "inputs": _signals(program.inputs),
         "outputs": _signals(program.outputs),
+        "leaves_out": list(program.guarded),
         "parameters": parameters_of(subject),
         "valid": {
             "inputs": golden.ranges(),

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
-
+import jax
 import numpy as np
 import pytest
 
 from tests.tuning.exports.native import needs_compiler, replay
+from tuning.exports.checks.checking import deviation
 from tuning.exports.configs import load_exportable
 from tuning.exports.deployables import deployable_of
-from tuning.exports.golden import answers, assembled, make_golden
+from tuning.exports.golden import Golden, answers, assembled, by_name
 from tuning.resources import CONFIGS
 
 WINDOW = ("estimator.side.window=0.05", "estimator.side.longest_window=0.05", "sweep={}", "tune={}")
@@ -27,29 +27,50 @@ SECONDS = 2.6
 
 @needs_compiler
 @pytest.mark.equivalence
-@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.parametrize(
+    "name",
+    [one if one in {"sensor", "controller"} else pytest.param(one, marks=pytest.mark.slow) for one in EXPORTS],
+)
 def test_a_hundred_broken_samples_leave_no_trace_of_themselves(name, tmp_path):
     file, settings = EXPORTS[name]
     deployable = deployable_of(load_exportable(CONFIGS / file, settings=settings), str(CONFIGS / file))
     program = deployable.program()
-    golden = make_golden(deployable, program, seconds=SECONDS, recording=None)
+    columns, _ = deployable.simulate(SECONDS)
+    if "deflection" in program.inputs.names:
+        columns["deflection"] = columns["link_position"] - columns["motor_position"]
+    time = columns["time"]
+    whole = by_name(
+        program.inputs,
+        jax.tree.unflatten(
+            jax.tree.structure(program.inputs.tree),
+            [
+                np.diff(time, prepend=time[:1]) if signal == "dt" else columns[signal]
+                for signal in program.inputs.names
+            ],
+        ),
+    )
     rng = np.random.default_rng(1)
-    whole = {signal: np.array(values) for signal, values in golden.inputs.items()}
     watched = [signal for signal in whole if signal.partition("[")[0] in program.guarded]
     # The very first sample is one of them, and nothing breaks in the last two seconds.
-    last = int(np.searchsorted(golden.time, golden.time[-1] - 2.0))
+    last = int(np.searchsorted(time, time[-1] - 2.0))
     places = {0, *rng.integers(0, last, 100).tolist()}
     broken = {signal: values.copy() for signal, values in whole.items()}
     for place in places:
         broken[rng.choice(watched)][place] = rng.choice(FAULTS)
-    inputs, outputs = answers(deployable.module, program, golden.time, assembled(program.inputs, broken))
-    assert np.array_equal(outputs["held"], [k in places for k in range(len(golden.time))])
+    given = assembled(program.inputs, broken)
+    inputs, outputs = answers(deployable.module, program, time, given)
+    assert np.array_equal(outputs["held"], [k in places for k in range(len(time))])
     assert outputs["skipped"][-1] == len(places)
     assert not any(outputs[known][sorted(places)].any() for known in outputs if known.endswith("known"))
-    settled = slice(last, None)
+    # The last cycles of an arm's path ask for what its design refuses with NaN and a status.
+    settled = slice(last, -5)
     for output, values in outputs.items():
-        unbroken = np.isfinite(golden.outputs[output][settled].astype(float))
-        assert np.isfinite(values[settled].astype(float)[unbroken]).all(), output
-    faulty = dataclasses.replace(golden, inputs=inputs, outputs=outputs)
+        assert np.isfinite(values[settled].astype(float)).all(), output
+    faulty = Golden("a test", time, inputs, outputs, {})
     worst = replay(program, faulty, tmp_path, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    assert max(worst.values()) < 1e-9, worst
+    if max(worst.values()) > 1e-9:
+        # Then no more than rounding alone does to these answers: twice rounded here, once there.
+        _, fused = answers(deployable.module, program, time, given, is_fused=True)
+        for output, found in worst.items():
+            rounding = deviation(fused[output].astype(float).tolist(), outputs[output].astype(float).tolist())
+            assert found <= max(1e-9, 10.0 * rounding), output
