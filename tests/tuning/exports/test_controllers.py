@@ -17,7 +17,7 @@ from tuning.resources import CONFIGS
 from tuning.schema import read_toml
 from tuning.single import simulate_exchange
 from tuning.study import DampingStudy, load_config, parse_study, resolved, study_hash
-from vsajax import Sample
+from vsajax import Guarded, Sample
 
 DAMPING = CONFIGS / "studies" / "damping.toml"
 ENDS = {"soft": 0.3, "stiff": 1.0}
@@ -98,7 +98,7 @@ def test_a_tuned_controller_of_the_repository_runs_in_c_as_in_the_loop(name, tmp
 @pytest.mark.equivalence
 def test_a_controller_is_not_bound_to_its_sample_time(tmp_path):
     deployable = deployable_of(study_of(CONTROLLERS["smooth"]), "a test")
-    program, module = deployable.program(), deployable.module
+    program, module = deployable.program(), Guarded(deployable.module)
     rng = np.random.default_rng(1)
     steps = np.concatenate([[0.0], rng.uniform(1e-4, 5e-3, 300)])
     readings = 0.5 * np.sin(13.0 * np.cumsum(steps))
@@ -129,6 +129,8 @@ def test_a_damping_study_is_exported_and_checked(vsajax, tmp_path, monkeypatch, 
     assert [(row["name"], row["unit"]) for row in manifest["outputs"]] == [
         ("stiffness", "N·m/rad"),
         ("motor_position", "rad"),
+        ("held", ""),
+        ("skipped", ""),
     ]
     tables = resolved(load_config(DAMPING))
     for row in manifest["parameters"]:
