@@ -24,7 +24,7 @@ from tuning.cli import (
     results,
     searches,
 )
-from tuning.errors import InputError
+from tuning.errors import InputError, input_error
 
 DONE, NOT_HELD, BAD_INPUT, INTERRUPTED = 0, 1, 2, 3
 
@@ -63,6 +63,7 @@ for command in (
 def run(arguments: list[str] | None = None) -> int:
     """Run a command line and return its exit code."""
     try:
+        _check_encoding(sys.argv[1:] if arguments is None else arguments)
         return cli.main(arguments, prog_name="vsajax", standalone_mode=False) or DONE
     except click.exceptions.Exit as ending:
         return ending.exit_code
@@ -81,6 +82,14 @@ def run(arguments: list[str] | None = None) -> int:
         with _unheard():
             click.echo(message, err=True)
         return BAD_INPUT
+
+
+def _check_encoding(arguments: list[str]) -> None:
+    """Refuse words that are no text: the names of files stand in messages, manifests and what is exported."""
+    for word in arguments:
+        if not word.isascii() and any("\ud800" <= letter <= "\udfff" for letter in word):
+            shown = word.encode("utf-8", "backslashreplace").decode()
+            raise input_error(shown, "is not UTF-8 text", "rename the file, or name it by a link in UTF-8")
 
 
 def main() -> NoReturn:

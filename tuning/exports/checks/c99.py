@@ -19,6 +19,9 @@ NAME = MANIFEST["name"]
 KINDS = {row["name"]: row["type"] for row in MANIFEST["outputs"]}
 SINGLE = f"-D{NAME.upper()}_SINGLE"
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
+DEFAULTS = ["-std=gnu99", "-O2"]
+"""What a toolchain compiles with unless it is told otherwise; there gcc fuses products where the processor can."""
+FUSED = re.compile(r"\tv?(fma|fms|fnma|fnms|fmla|fmls|fmadd|fmsub|fnmadd|fnmsub)[a-z0-9.]*\s")
 SANITIZE = ["-O1", "-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 COARSE = 1e-3
 """Deviation at the end of the recording above which single precision is advised against."""
@@ -29,9 +32,9 @@ CORES = {
 }
 
 
-def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command in a folder."""
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+def run(command: list[str], folder: Path, text: str | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a command in a folder, with a text on its standard input."""
+    return subprocess.run(command, cwd=folder, input=text, capture_output=True, text=True, check=False)
 
 
 def build(compiler: str, options: list[str], folder: Path, main: str = "harness.c") -> str:
@@ -39,7 +42,8 @@ def build(compiler: str, options: list[str], folder: Path, main: str = "harness.
     if shutil.which(compiler) is None:
         return f"{compiler} is not installed"
     sources = [str(HERE / f"{NAME}.c"), str(HERE / main)]
-    built = run([compiler, *STRICT, *options, "-o", "program", *sources, "-lm"], folder)
+    flags = options if options[:2] == DEFAULTS else [*STRICT, *options]
+    built = run([compiler, *flags, "-o", "program", *sources, "-lm"], folder)
     return "" if built.returncode == 0 else built.stderr[:2000] or "cannot be compiled"
 
 
@@ -99,6 +103,16 @@ def double_precision() -> list[Result]:
     return results
 
 
+def toolchain_defaults() -> Result:
+    """Replay as a toolchain builds it that is told nothing, for this processor with all that it can."""
+    native = "-march=native" if _takes("-march=native") else "-O2"
+    return replay(f"{_compiler()} by its defaults", _compiler(), [*DEFAULTS, native])
+
+
+def _takes(option: str) -> bool:
+    return run([_compiler(), option, "-E", "-x", "c", "-"], HERE, text="").returncode == 0
+
+
 def single_precision() -> Result:
     """State the error of single precision."""
     return replay("single precision", _compiler(), ["-O2", SINGLE], is_judged=False)
@@ -147,6 +161,9 @@ def _link(core: str, options: list[str]) -> Result:
         text, data, bss = map(
             int, run(["arm-none-eabi-size", "program"], folder).stdout.splitlines()[1].split()[:3]
         )
+        fused = _fused(options, folder)
+        if fused:
+            return Result(core, "failed", f"by its defaults {ARM} fuses products and sums: {fused}")
         usage = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.su"))
     stack = {
         function.rpartition(":")[2].removeprefix(f"{NAME}_"): int(count)
@@ -163,10 +180,18 @@ def _link(core: str, options: list[str]) -> Result:
     return Result(core, "passed", told, figures)
 
 
+def _fused(options: list[str], folder: Path) -> str:
+    """Return a fused instruction that the compiler makes by its defaults; nothing where it makes none."""
+    run([ARM, *DEFAULTS, "-mthumb", *options, "-c", "-o", "defaults.o", str(HERE / f"{NAME}.c")], folder)
+    listing = run(["arm-none-eabi-objdump", "-d", "defaults.o"], folder).stdout
+    found = FUSED.search(listing)
+    return found[0].strip() if found else ""
+
+
 def _compiler() -> str:
     return "gcc" if shutil.which("gcc") else "clang"
 
 
 if __name__ == "__main__":
-    everything = [double_precision, single_precision, sanitizers, step_time, microcontrollers]
-    run_checks([double_precision, single_precision] if "--quick" in sys.argv else everything)
+    everything = [double_precision, toolchain_defaults, single_precision, sanitizers, step_time, microcontrollers]
+    run_checks([double_precision, toolchain_defaults, single_precision] if "--quick" in sys.argv else everything)

@@ -33,8 +33,11 @@ Parameters are checked: `{name}_check(&params)` returns 0, or which parameter li
 counted from 1 in the table's order; not a number and infinite are outside. `{name}_tune` then keeps the parameters
 before, and `{name}_init` takes those that were exported; both return what `{name}_check` does.
 
-`-D{NAME}_SINGLE` compiles for single precision. Do not compile with `-ffast-math`. Without Python, `make check`,
-`make sanitize`, `make time`, `make cortex-m4` and `make cortex-m7` do what `check.py` does."""
+`-D{NAME}_SINGLE` compiles for single precision. Do not compile with `-ffast-math`, which `{name}.c` refuses.
+Products must not be fused with sums, as gcc does by default on Cortex-M4F, M7 and wherever there is an FMA:
+`{name}.c` forbids it to GCC, clang and MSVC by itself; for other compilers set `-ffp-contract=off` or its like.
+Without Python, `make check`, `make sanitize`, `make time`, `make cortex-m4` and `make cortex-m7` do what
+`check.py` does."""
 
 
 def write_c99(subject: Subject) -> Artefact:

@@ -34,7 +34,17 @@ _HEADERS = {
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
 _TYPES = {"real": "REAL", "bool": "BOOLEAN", "int": "INTEGER"}
-_FLAGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-O2", "-fPIC", "-shared", "-fvisibility=hidden"]
+_FLAGS = [
+    "-std=c99",
+    "-ffp-contract=off",
+    "-pedantic",
+    "-Wall",
+    "-Wextra",
+    "-O2",
+    "-fPIC",
+    "-shared",
+    "-fvisibility=hidden",
+]
 _USAGE = """```python
 from fmpy import simulate_fmu
 
