@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -220,3 +221,15 @@ def test_a_full_disk_ends_with_2_and_leaves_no_half_of_a_file(vsajax, monkeypatc
         assert (ended.code, ended.out) == (2, "")
         assert "cannot be written (No space left on device)" in ended.err
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("check",), ("sweep", "-o", "run"), ("export", "--to", "ros2", "-o", "out"), ("estimate", "-c", "c.toml")],
+)
+def test_a_file_name_that_is_no_text_is_refused_by_name(vsajax, words, tmp_path):
+    path = os.fsdecode(os.fsencode(tmp_path / "study") + b"\xff.toml")
+    shutil.copy(SERIAL, path)
+    ended = vsajax(words[0], path, *words[1:])
+    assert (ended.code, ended.out) == (2, "")
+    assert r"study\udcff.toml: is not UTF-8 text" in ended.err

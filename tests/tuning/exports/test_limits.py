@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import platform
+import re
 import subprocess
 
 import numpy as np
@@ -114,3 +116,28 @@ def test_every_parameter_out_of_range_is_refused_by_name_and_changes_nothing(nam
         assert (int(status), int(tuned), int(begun)) == (number, number, number), answer
         assert (is_kept, is_default) == ("1", "1"), answer
         assert words.startswith(f"{parameter}: must be "), answer
+
+
+@needs_compiler
+@pytest.mark.structure
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="needs the instructions of x86-64")
+def test_no_product_is_fused_whatever_the_flags_and_fast_arithmetic_is_refused(tmp_path):
+    file, settings = EXPORTS["sensor"]
+    program = deployable_of(load_config(CONFIGS / file, settings), file).program()
+    source = write(program, generate(program), banner="a test")
+    (tmp_path / f"{source.name}.h").write_text(source.header, encoding="utf-8")
+
+    def compiled(text: str, *options: str) -> subprocess.CompletedProcess[str]:
+        (tmp_path / "one.c").write_text(text, encoding="utf-8")
+        command = ["gcc", "-std=gnu99", "-O2", "-mfma", "-S", "-o", "-", *options, "one.c"]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    # The flags do fuse where nothing forbids it, and forbid it in the sources as they are.
+    assert "vfmadd" in compiled(source.source.replace("fp-contract=off", "fp-contract=fast")).stdout
+    for options in ((), (f"-D{source.name.upper()}_SINGLE",), ("-ffp-contract=fast", "-O3")):
+        plain = compiled(source.source, *options)
+        assert plain.returncode == 0, plain.stderr
+        assert not re.search("vf[n]?m(add|sub)", plain.stdout), options
+    refused = compiled(source.source, "-ffast-math")
+    assert refused.returncode != 0
+    assert "compile without -ffast-math" in refused.stderr
