@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -51,27 +52,43 @@ def lanes_last[Result: PyTree](function: Callable[..., Result]) -> Callable[...,
 
 
 _lanes_minor = Primitive("lanes_minor")
-_lanes_minor.def_impl(lambda x: x)
-_lanes_minor.def_abstract_eval(lambda x: x)
-mlir.register_lowering(_lanes_minor, lambda context, x: [x])
-ad.deflinear2(_lanes_minor, lambda cotangent, x: [_lanes_minor.bind(cotangent)])
+"""Its `order` names the axes in memory, the last one neighbours; `None` until it is batched."""
 
 
-def _batch_lanes_minor(values: tuple[Lanes], axes: tuple[int]) -> tuple[Lanes, int]:
+@_lanes_minor.def_impl
+def _ordered(x: Lanes, *, order: tuple[int, ...] | None) -> Lanes:
+    return x if order is None else with_layout_constraint(x, Layout(order))
+
+
+def _lower(context: mlir.LoweringRuleContext, x: Any, *, order: tuple[int, ...] | None) -> Any:
+    # An order is a matter of speed on one machine, and no operation that jax keeps readable for other versions.
+    if order is None or context.module_context.lowering_parameters.for_export:
+        return [x]
+    return mlir.lower_fun(_ordered, multiple_results=False)(context, x, order=order)
+
+
+def _batch(values: tuple[Lanes], axes: tuple[int], *, order: tuple[int, ...] | None) -> tuple[Lanes, int]:
     (x,), (lane,) = values, axes
-    others = [axis for axis in range(x.ndim) if axis != lane]
-    return with_layout_constraint(x, Layout((*others, lane))), lane
+    if order is None:
+        moved = (*(axis for axis in range(x.ndim) if axis != lane), lane)
+    else:
+        moved = (lane, *(axis + (axis >= lane) for axis in order))
+    return _lanes_minor.bind(x, order=moved), lane
 
 
-batching.primitive_batchers[_lanes_minor] = _batch_lanes_minor
+_lanes_minor.def_abstract_eval(lambda x, **_: x)
+ad.deflinear2(_lanes_minor, lambda cotangent, x, *, order: [_lanes_minor.bind(cotangent, order=order)])
+batching.primitive_batchers[_lanes_minor] = _batch
+mlir.register_lowering(_lanes_minor, _lower)
 
 
 def lanes_minor(x: Lanes) -> Lanes:
     """Return `x` as it is; under `vmap` neighbouring lanes are neighbours in memory.
 
-    Derivatives pass through. Of nested `vmap`s the innermost that batches `x` counts.
+    Derivatives pass through. Of nested `vmap`s the innermost that batches `x` counts. What `jax.export` writes has
+    no order: whoever compiles it chooses.
     """
-    return _lanes_minor.bind(x)
+    return _lanes_minor.bind(x, order=None)
 
 
 def identity_like(matrix: Lanes) -> Lanes:

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import export
 
 from vsajax.numerics import lanes_minor
 
@@ -55,3 +56,12 @@ def test_what_is_not_batched_stays_so():
     program = jax.make_jaxpr(outer)(jnp.ones(4), jnp.ones(3))
     (equation,) = (one for one in program.eqns if one.primitive.name == "lanes_minor")
     assert equation.outvars[0].aval.shape == (3,)
+
+
+@pytest.mark.contract
+def test_a_batched_program_orders_memory_and_its_export_does_not():
+    lanes = jnp.ones((64, 3))
+    program = jax.jit(jax.vmap(decay))
+    assert "LayoutConstraint" in program.lower(lanes).as_text()
+    written = export.export(program, platforms=("cpu", "cuda"))(lanes).serialize()
+    np.testing.assert_array_equal(export.deserialize(written).call(lanes), program(lanes))
