@@ -37,6 +37,8 @@ TINY = (
     "estimator.basis={type='odd'}",
 )
 
+RESIDUAL = "estimator.torque={type='residual', observer_gain=100.0, motor_inertia=1e-4, motor_damping=0.01}"
+
 
 def small_serial(*settings: str) -> Study:
     """Return the AwAS study over 0.2 s with two coefficients, no grid and nothing to tune."""

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tests.tuning.builders import SERIAL, SMALL, TINY, tiny_serial
+from tests.tuning.builders import GAIN, RESIDUAL, SERIAL, SMALL, TINY, tiny_serial
 from tuning import montecarlo as module
 from tuning.executors import Inline
 from tuning.montecarlo import MonteCarlo, run_population
@@ -110,11 +110,10 @@ def test_a_run_stops_once_it_is_precise_and_resumes_to_the_same(tmp_path, monkey
 
 
 def test_scenarios_that_cannot_be_scored_say_why():
-    # A forgetting so short that the covariance overflows, in some of the robots.
-    vary = "{'estimator.fit.prior_scale'={type='choice', values=[1.0, 1e308]}}"
-    short = "estimator.fit={prior_scale=1.0, law={type='forgetting', forgetting=0.9}}"
-    rows = MonteCarlo(tiny_serial(short, f"population.vary={vary}"), 16).run_chunk("000000")
-    strong = rows["estimator.fit.prior_scale"] > 1.0
+    # A gain at which the observer's torque overflows, in some of the robots.
+    vary = f"{{'{GAIN}'={{type='choice', values=[100.0, 1e308]}}}}"
+    rows = MonteCarlo(tiny_serial(RESIDUAL, f"population.vary={vary}"), 16).run_chunk("000000")
+    strong = rows[GAIN] > 100.0
     np.testing.assert_array_equal(rows["status"] == Status.ESTIMATE_DIVERGED, strong)
     assert strong.any()
     assert not strong.all()

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tests.tuning.builders import FORGETTING, PRIOR, tiny_tuning
+from tests.tuning.builders import FORGETTING, GAIN, PRIOR, RESIDUAL, tiny_tuning
 from tuning.errors import InputError
 from tuning.gradient import GradientTuner, Outcome
 from tuning.grid import Grid
@@ -147,8 +147,9 @@ def test_a_judgement_is_of_the_scores_on_its_stream():
 
 
 def test_a_judgement_of_nothing_but_diverged_scenarios_has_no_mean_and_says_so():
-    # A covariance that overflows at the first sample.
-    judged = Search(tiny_tuning(), "gradient").judge({PRIOR: 1e308, FORGETTING: 0.9}, "held_out", 3)
+    # A gain at which the observer's torque overflows.
+    bounds = f"tune.parameters={{'{GAIN}' = {{ low = 1.0, high = 100.0 }}}}"
+    judged = Search(tiny_tuning(RESIDUAL, bounds), "gradient").judge({GAIN: 1e308}, "held_out", 3)
     assert (judged.diverged, judged.scenarios) == (3, 3)
     assert all(math.isnan(value) for value in (judged.mean, judged.low, judged.high, judged.median, judged.q90))
 

@@ -99,3 +99,4 @@ def test_features_that_overflow_do_not_enter_the_fit(feature):
     torque, _ = fit.step(state, jnp.asarray([0.5, 1.0]), jnp.asarray(np.inf))
     assert np.array_equal(torque.coefficients, state.coefficients)
     assert np.isfinite(torque.squares)
+    assert np.isnan(fit.step(state, jnp.asarray([0.5, 1.0]), jnp.asarray(np.nan))[0].coefficients).all()

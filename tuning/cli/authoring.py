@@ -106,7 +106,7 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
 
 
 def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
-    """Return a TOML file of any kind, and which kind that is."""
+    """Return a TOML file of any kind, and which kind that is; what none recognises is read as a configuration."""
     from tuning import kinds
     from tuning.schema import read_toml
     from tuning.tables import with_settings
@@ -116,19 +116,23 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
     if kind is kinds.SIGNAL_MAP:
         from tuning.logs.signal_map import read_signal_map
 
-        return kind, read_signal_map(path, settings)
+        return kinds.SIGNAL_MAP, read_signal_map(path, settings)
     if kind is kinds.LOG_STUDY:
         from tuning.logs.study import load_log_study
 
-        return kind, load_log_study(path, settings)
+        return kinds.LOG_STUDY, load_log_study(path, settings)
     if kind is kinds.ARM_STUDY:
         from tuning.arm.study import load_arm_study
 
-        return kind, load_arm_study(path, settings)
-    if kind is kinds.JOINT or kind is kinds.ARM:
-        from tuning.presets import parse_arm, parse_joint
+        return kinds.ARM_STUDY, load_arm_study(path, settings)
+    if kind is kinds.JOINT:
+        from tuning.presets import parse_joint
 
-        return kind, (parse_joint if kind is kinds.JOINT else parse_arm)(tables, str(path))
+        return kinds.JOINT, parse_joint(tables, str(path))
+    if kind is kinds.ARM:
+        from tuning.presets import parse_arm
+
+        return kinds.ARM, parse_arm(tables, str(path))
     from tuning.parts.bench import RecordedTorque
     from tuning.study import EstimationStudy, Study, load_config
 

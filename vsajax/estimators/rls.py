@@ -233,7 +233,9 @@ class RecursiveLeastSquares(eqx.Module):
     def step(self, state: FitState, features: Vector, target: Scalar) -> tuple[FitState, Scalar]:
         """Use one sample; return (state, stability factor a).
 
-        Features whose leverage is no number, or overflows, change nothing; such an innovation no coefficient.
+        Features whose leverage is no number, or overflows, change nothing; an innovation that overflows changes no
+        coefficient. One that is no number makes them NaN: whatever feeds the fit has diverged, and P, which the
+        torque has no say in, would go on to claim more and more.
         """
         column = symmetric_product(state.covariance, features)
         leverage = dot(features, column)
@@ -245,7 +247,8 @@ class RecursiveLeastSquares(eqx.Module):
         factor, inflation, spread = self.law(leverage)
         gain = once(factor / (1.0 + leverage))
         innovation = target - dot(features, state.coefficients)
-        innovation = once(jnp.where(jnp.abs(innovation) < _OVERFLOW_ROOT, innovation, 0.0))
+        is_left_out = jnp.logical_not(is_usable) | (jnp.abs(innovation) >= _OVERFLOW_ROOT)
+        innovation = once(jnp.where(is_left_out, 0.0, innovation))
         correction = once(gain * innovation)
         spread = self._with_prior(spread, lambda: dot(column, column))
         seen = self._with_prior(innovation, lambda: -dot(column, state.coefficients))
