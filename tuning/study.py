@@ -10,7 +10,7 @@ import copy
 import difflib
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -33,6 +33,10 @@ from tuning.structures import Chosen, blame, check_choices, combinations, settin
 from tuning.tables import merge, put, with_settings
 
 SCHEMA_VERSION = 1
+
+Objective = Literal["msrep", "msrep_settled", "log_energy", "settling_time"]
+Search = Literal["sweep", "tune"]
+"""A table that says what is varied and over which range."""
 
 
 class Base(Table):
@@ -76,7 +80,7 @@ class Tune(Table):
     What is no number is chosen: `choices` has a table of settings by dotted path for every option of a choice.
     """
 
-    objective: Literal["msrep", "msrep_settled", "log_energy", "settling_time"] = "msrep"
+    objective: Objective = "msrep"
     statistic: Statistic = Statistic()
     starts: AtLeastOne = 4
     screen: Annotated[int, Field(ge=0)] = 64
@@ -92,7 +96,7 @@ class Study(Base):
     """
 
     contested: ClassVar[tuple[str, ...]] = ("estimator",)
-    objectives: ClassVar[tuple[str, ...]] = ("msrep", "msrep_settled")
+    objectives: ClassVar[tuple[Objective, ...]] = ("msrep", "msrep_settled")
     seed: Seed = 0
     clock: Clock
     population: Population = Population()
@@ -114,7 +118,7 @@ class DampingStudy(Study):
     """A study of a controller that brings a link to rest by its stiffness or its motor."""
 
     contested: ClassVar[tuple[str, ...]] = ("controller", "observer")
-    objectives: ClassVar[tuple[str, ...]] = ("log_energy", "settling_time")
+    objectives: ClassVar[tuple[Objective, ...]] = ("log_energy", "settling_time")
     plant: SwitchedPlant
     impact: Impact
     controller: Controller
@@ -162,13 +166,18 @@ _BENCH = (
 """The tables that describe what is simulated and judged, whose numbers can be varied."""
 
 
-def load_study(path: Path, settings: Sequence[str] = ()) -> Study:
+def load_study(path: Path, settings: Sequence[str] = (), *, unused: Collection[Search] = ()) -> Study:
     """Return the study in a TOML file, with `a.b=value` settings applied before it is validated.
+
+    Args:
+        path: the file.
+        settings: changes.
+        unused: searches that the caller never makes; they need not fit the rest of the study, see `parse_study`.
 
     Raises:
         InputError: lists every mistake with its path.
     """
-    return parse_study(with_settings(read_toml(path), settings), str(path))
+    return parse_study(with_settings(read_toml(path), settings), str(path), unused=unused)
 
 
 def load_estimation(path: Path, settings: Sequence[str] = ()) -> EstimationStudy:
@@ -181,30 +190,53 @@ def load_estimation(path: Path, settings: Sequence[str] = ()) -> EstimationStudy
     return study
 
 
-def load_config(path: Path, settings: Sequence[str] = ()) -> Study | Config:
-    """Return the study, or the estimator alone, in a TOML file.
+def load_config(path: Path, settings: Sequence[str] = (), *, unused: Collection[Search] = ()) -> Study | Config:
+    """Return the study, or the estimator alone, in a TOML file; arguments as those of `load_study`.
 
     Raises:
         InputError: lists every mistake with its path.
     """
-    return parse_config(with_settings(read_toml(path), settings), str(path))
+    return parse_config(with_settings(read_toml(path), settings), str(path), unused=unused)
 
 
-def parse_config(data: Mapping[str, Any], place: str) -> Study | Config:
-    """Return the study, or the estimator alone, in tables; `place` names their source in errors."""
+def parse_config(data: Mapping[str, Any], place: str, *, unused: Collection[Search] = ()) -> Study | Config:
+    """Return the study, or the estimator alone, in tables; arguments as those of `parse_study`."""
     require_kind(data, place, CONFIG, STUDY)
     if data.keys() & ONLY_IN_STUDIES:
-        return parse_study(data, place)
+        return parse_study(data, place, unused=unused)
     _check_kind(data, place)
     return validate(Config, dict(data), place)
 
 
-def parse_study(data: Mapping[str, Any], place: str) -> Study:
-    """Return a study from its tables; `place` names their source in errors."""
+def parse_study(data: Mapping[str, Any], place: str, *, unused: Collection[Search] = ()) -> Study:
+    """Return a study from its tables.
+
+    Args:
+        data: the tables.
+        place: their source, for errors.
+        unused: searches that the caller never makes. Where one no longer fits the rest of the study (a range
+            reaches beyond a limit that was changed), the study is returned without them instead of refused.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
     require_kind(data, place, STUDY)
     study = validate(_STUDIES[_check_kind(data, place)], _with_preset(dict(data), place), place)
-    _check_together(study, place)
+    try:
+        _check_together(study, place)
+    except InputError:
+        lean = _without(study, unused)
+        if lean == study:
+            raise
+        _check_together(lean, place)
+        return lean
     return study
+
+
+def _without(study: Study, searches: Collection[Search]) -> Study:
+    """Return a study that does not say what some searches vary, nor what they minimise."""
+    empty = {"sweep": Sweep(), "tune": Tune(objective=study.objectives[0])}
+    return study.model_copy(update={name: empty[name] for name in searches})
 
 
 def _check_kind(data: Mapping[str, Any], place: str) -> str:

@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tuning.errors import input_error
 
+_BARE, _QUOTED = r"[^=.\"']*", r"\"[^\"]*\"|'[^']*'"
+_KEY = rf"\s*(?:{_QUOTED}|{_BARE})\s*"
+_SETTING = re.compile(rf"(?P<path>{_KEY}(?:\.{_KEY})*)=(?P<value>.*)", re.DOTALL)
+
+
+def keys_of(path: str) -> list[str]:
+    """Return the keys of a dotted path; quotes keep a key together that has dots itself."""
+    return [key.strip().strip("\"'") for key in re.findall(rf"(?:^|\.)({_KEY})", path)]
+
 
 def with_settings(data: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
-    """Return tables with `a.b=value` settings applied."""
+    """Return tables with `a.b=value` settings applied; a key with a dot in it is quoted, as in TOML."""
     for setting in settings:
-        path, separator, text = setting.partition("=")
-        if not separator or not path.strip():
+        found = _SETTING.fullmatch(setting)
+        if found is None or not found["path"].strip():
             raise input_error(
-                f"--set {setting}", "is not of the form a.b=value", "e.g. --set estimator.fit.prior_scale=0.1"
+                f"--set {setting}",
+                "is not of the form a.b=value",
+                "e.g. --set estimator.fit.prior_scale=0.1, or --set 'a.\"b.c\"=1' for a key with a dot in it",
             )
+        keys, text = keys_of(found["path"]), found["value"]
         try:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             value = text
         try:
-            put(data, path.strip().split("."), value)
+            put(data, keys, value)
         except TypeError:
             raise input_error(f"--set {setting}", "leads through a value that is not a table") from None
     return data

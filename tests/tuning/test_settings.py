@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.tuning.builders import SEA, SERIAL
+from tests.tuning.builders import ANTAGONISTIC, SEA, SERIAL
 from tuning.errors import InputError
 from tuning.resources import preset_path
 from tuning.schema import read_toml
@@ -53,6 +53,7 @@ def test_the_last_of_two_settings_holds():
         ("=3", ["--set =3:", "is not of the form a.b=value"]),
         ("seed.x=3", ["--set seed.x=3:", "leads through a value that is not a table"]),
         ("sweep..grid=3", ["sweep.", "unknown key"]),
+        ('sweep.grid."a.b=3', ["is not of the form a.b=value", "for a key with a dot in it"]),
         ("joint.linc.inertia=3", ["joint.linc", "did you mean link?"]),
     ],
 )
@@ -102,3 +103,41 @@ def test_an_estimator_without_a_joint_is_a_configuration(tmp_path):
     assert config.estimator == load_study(SEA).estimator
     with pytest.raises(InputError, match="is an estimator configuration, not a study of a simulated joint"):
         load_study(path)
+
+
+WINDOW = ("estimator.side.window=0.3", "estimator.side.longest_window=0.3")
+
+
+@pytest.mark.parametrize("quote", ['"', "'"])
+def test_a_key_with_dots_in_it_is_quoted(quote):
+    path = f"sweep.grid.{quote}estimator.side.window{quote}"
+    high = [f"{table}.{quote}estimator.side.window{quote}.high=0.3" for table in ("sweep.grid", "tune.parameters")]
+    study = load_study(ANTAGONISTIC, [*WINDOW, *high, f"{path}.points = 3"])
+    axis = study.sweep.grid["estimator.side.window"]
+    assert (axis.low, axis.high, axis.points) == (0.05, 0.3, 3)
+    assert study.tune.parameters["estimator.side.window"].high == 0.3
+
+
+def test_a_search_that_is_not_made_need_not_fit():
+    with pytest.raises(InputError, match="reaches 2, which is not allowed there"):
+        load_study(ANTAGONISTIC, WINDOW)
+    study = load_study(ANTAGONISTIC, WINDOW, unused=("sweep", "tune"))
+    assert (study.sweep.grid, study.tune.parameters) == ({}, {})
+    with pytest.raises(InputError, match="reaches 2, which is not allowed there") as caught:
+        load_study(ANTAGONISTIC, WINDOW, unused=["sweep"])
+    assert {mistake.place.partition(":")[2] for mistake in caught.value.mistakes} == {
+        " tune.parameters.'estimator.side.window'"
+    }
+
+
+def test_a_search_that_fits_stays_part_of_the_study_and_its_hash():
+    assert study_hash(load_study(SERIAL, unused=("sweep", "tune"))) == study_hash(load_study(SERIAL))
+
+
+@pytest.mark.failure
+def test_other_mistakes_are_told_without_those_of_a_search_that_is_not_made():
+    with pytest.raises(InputError) as caught:
+        load_study(ANTAGONISTIC, [*WINDOW, "estimator.side.sample_time=0.002"], unused=("sweep", "tune"))
+    assert [mistake.place.partition(": ")[2] for mistake in caught.value.mistakes] == [
+        "estimator.side.sample_time"
+    ]

@@ -89,7 +89,7 @@ def montecarlo(
         if given or workers or scheduler:
             raise click.UsageError(f"{given[0] if given else '--workers'} does not go with a study of an arm")
         return run_arm_accuracy(study, folder, scenarios, settings, seed, as_json, quiet)
-    loaded = load_study(study, with_seed(settings, seed))
+    loaded = load_study(study, with_seed(settings, seed), unused=["sweep"])
     if sensitivity & (sensitivity - 1):
         below = 1 << (sensitivity.bit_length() - 1)
         raise input_error("--sensitivity", f"got {sensitivity}", f"allowed: powers of two, e.g. {below}")

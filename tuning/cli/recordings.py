@@ -41,7 +41,7 @@ def simulate(
     from tuning.logs.files import table_suffix
     from tuning.study import load_study
 
-    loaded = load_study(study, with_seed(settings, seed))
+    loaded = load_study(study, with_seed(settings, seed), unused=("sweep", "tune"))
     table_suffix(output)
     from tuning.runtime import start_jax
 
@@ -121,7 +121,7 @@ def estimate(
         if not separator:
             raise input_error(f"--select {choice}", "is not of the form COLUMN=VALUE")
         chosen[column] = value
-    loaded = load_config(config, settings)
+    loaded = load_config(config, settings, unused=("sweep", "tune"))
     table_suffix(output)
     if not isinstance(loaded, Config):
         raise input_error(

@@ -17,12 +17,14 @@ Exportable = Base | ArmStudy
 def load_exportable(path: Path, settings: Sequence[str] = ()) -> Exportable:
     """Return the configuration in a TOML file, with `a.b=value` settings applied before it is validated.
 
+    A sweep or a search that the settings have made impossible is left out: an export makes neither.
+
     Raises:
         InputError: lists every mistake with its path.
     """
     if is_arm_study(read_toml(path)):
         return load_arm_study(path, list(settings))
-    return load_config(path, settings)
+    return load_config(path, settings, unused=("sweep", "tune"))
 
 
 def parse_exportable(tables: Mapping[str, Any], place: str) -> Exportable:

@@ -21,7 +21,7 @@ WINDOW = ["--set", "estimator.side.window=0.3", "--set", "estimator.side.longest
 SEA_SENSOR = CONFIGS / "tuned" / "sea_sensor.toml"
 SHIPPED = {
     "serial": (SERIAL, ()),
-    "algebraic": (ANTAGONISTIC, ("--set", "sweep={}", "--set", "tune={}", *WINDOW)),
+    "algebraic": (ANTAGONISTIC, WINDOW),
     "residual pair": (RESIDUAL_PAIR, ()),
     "sensor": (SEA_SENSOR, ()),
     "damping": (CONFIGS / "studies" / "damping.toml", ()),
