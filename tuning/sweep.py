@@ -17,8 +17,8 @@ from tuning.control_problem import problem_of
 from tuning.errors import input_error
 from tuning.executors import Executor, Inline, complete
 from tuning.grid import Grid
-from tuning.store import RunStore, open_run, read_table
-from tuning.study import Study
+from tuning.store import RunStore, open_run, read_table, versions, write_text
+from tuning.study import Study, resolved, study_hash, to_toml, with_numbers
 
 _STEPS_PER_CHUNK = 1.0e8
 """Lane-steps in a chunk: a few seconds of work. A constant, so that a resumed run has the same chunks."""
@@ -154,6 +154,38 @@ def plan_sweep(study: Study, place: str) -> GridSweep:
         )
     axes = {path: axis.grid() for path, axis in study.sweep.grid.items()}
     return GridSweep(study, axes, study.sweep.scenarios)
+
+
+def write_winner(sweep: GridSweep, best: Mapping[str, float], path: Path) -> Path | None:
+    """Write the study with a grid's best numbers to the last bit, which `tune`, `simulate` and `export` take.
+
+    Args:
+        sweep: the sweep.
+        best: the first row of its ranking.
+        path: where to.
+
+    Returns:
+        The path; `None`, and nothing is written, where no configuration has a score.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    if math.isnan(best["mean"]):
+        return None
+    study, values = sweep.study, sweep.grid.values_of(int(best["configuration"]))
+    provenance = {
+        "command": "sweep",
+        "objective": study.tune.objective,
+        "study_hash": study_hash(study),
+        "seed": study.seed,
+        "versions": versions(),
+        "swept": sorted(values),
+        "scenarios": sweep.scenarios,
+        "train": {name: best[name] for name in ("mean", "median", "q90")},
+    }
+    tables = resolved(with_numbers(study, values, "best of the sweep"))
+    write_text(path, to_toml(tables | {"provenance": provenance}))
+    return path
 
 
 def rank(table: pa.Table, axes: Sequence[str], score: str) -> list[dict[str, float]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from tuning.cli.following import deploy, run_folder, words
 from tuning.cli.options import JSON, QUIET, RUN, SEED, SETTINGS, STUDY, emit, table, with_seed
 
 if TYPE_CHECKING:
@@ -42,7 +43,8 @@ def stiffness(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool
     from tuning.arm.single import design_pose
 
     result = design_pose(loaded, problem)
-    emit(result.as_tables(), as_json=as_json, quiet=quiet, text=result.as_text)
+    following = words("workspace", study, "-o", run_folder("workspace"), settings=settings)
+    emit(result.as_tables(), as_json=as_json, quiet=quiet, text=result.as_text, following=following)
     if not result.ok:
         raise click.exceptions.Exit(1)
 
@@ -79,7 +81,8 @@ def workspace(
             ]
         )
 
-    emit({"run": folder, "files": files} | summary, as_json=as_json, quiet=quiet, text=text)
+    following = words("poses", study, "-o", run_folder("poses", folder), settings=settings)
+    emit({"run": folder, "files": files} | summary, as_json=as_json, quiet=quiet, text=text, following=following)
 
 
 @click.command(epilog="Example: vsajax poses arm.toml -o runs/poses")
@@ -112,7 +115,8 @@ def poses(
             ]
         )
 
-    emit({"run": folder, "files": files} | summary, as_json=as_json, quiet=quiet, text=text)
+    following = words("montecarlo", study, "-o", run_folder("montecarlo", folder), settings=settings)
+    emit({"run": folder, "files": files} | summary, as_json=as_json, quiet=quiet, text=text, following=following)
 
 
 def run_arm_accuracy(
@@ -139,4 +143,10 @@ def run_arm_accuracy(
         headers = ["joints' MSREP [%]", "hand against desired", "95 %", "hand against designed", "95 %", "failed"]
         return "\n".join([table(headers, shown), *(f"wrote {file}" for file in files)])
 
-    emit({"run": folder, "files": files, "levels": rows}, as_json=as_json, quiet=quiet, text=text)
+    emit(
+        {"run": folder, "files": files, "levels": rows},
+        as_json=as_json,
+        quiet=quiet,
+        text=text,
+        following=lambda: deploy(study, settings),
+    )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tuning.cli.following import after_check, start, words
 from tuning.cli.options import JSON, QUIET, SETTINGS, STUDY, emit
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ def init(
     if target.exists():
         raise input_error(target, "exists already", "name another file, or remove it first")
     write_text(target, example.read_text(encoding="utf-8"))
-    emit({"study": target}, as_json=as_json, quiet=quiet, text=f"wrote {target}; try: vsajax check {target}")
+    following = words("check", target)
+    emit({"study": target}, as_json=as_json, quiet=quiet, text=f"wrote {target}", following=following)
 
 
 def _list_shipped(*, as_json: bool, quiet: bool) -> None:
@@ -58,7 +60,7 @@ def _list_shipped(*, as_json: bool, quiet: bool) -> None:
     width = max(map(len, said))
     lines = [f"{name:<{width}}  {shorten(summary, 110, placeholder=' …')}" for name, summary in said.items()]
     lines += ["", f"Copy one: vsajax init NAME FILE. Or use it where it lies: {SHIPPED}NAME in place of any path."]
-    emit({"shipped": said}, as_json=as_json, quiet=quiet, text="\n".join(lines))
+    emit({"shipped": said}, as_json=as_json, quiet=quiet, text="\n".join(lines), following=start)
 
 
 def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bool) -> None:
@@ -80,7 +82,13 @@ def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bo
     said += [f"{guess.name:<16} {guess.column}: {'; '.join(guess.reasons)}" for guess in proposal.guesses]
     said += [f"MISSING          {need}, which kind {proposal.kind!r} needs" for need in proposal.lacking]
     said.append(f"wrote {target}: guesses all, check them; then vsajax estimate {log} --map {target} -c CONFIG")
-    emit({"map": target, **asdict(proposal)}, as_json=as_json, quiet=quiet, text="\n".join(said))
+    emit(
+        {"map": target, **asdict(proposal)},
+        as_json=as_json,
+        quiet=quiet,
+        text="\n".join(said),
+        following=words("check", target),
+    )
 
 
 @click.command(epilog="Example: vsajax check study.toml --set estimator.fit.prior_scale=0.1")
@@ -102,7 +110,16 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
         as_json=as_json,
         quiet=quiet,
         text=lambda: f"{to_toml(tables)}\n# {study}: valid {what}, hash {digest}",
+        following=lambda: after_check(kind.name, _kind_of_joint(config), study, settings),
+        comment=True,
     )
+
+
+def _kind_of_joint(config: Table) -> str:
+    """Return the kind of the example that a map, a preset or a configuration belongs to."""
+    fields = set(type(config).model_fields)
+    preset = "antagonistic" if "motor1" in fields else "serial" if "setpoint_motor" in fields else "sea"
+    return getattr(config, "kind", preset)
 
 
 def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tuning.cli.following import words
 from tuning.cli.options import JSON, QUIET, emit, table
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def bench(
         "check": [asdict(comparison) for comparison in compared],
         "files": wrote,
     }
-    emit(result, as_json=as_json, quiet=quiet, text=text)
+    emit(result, as_json=as_json, quiet=quiet, text=text, following=words("doctor"))
     if not ok:
         raise click.exceptions.Exit(1)
 

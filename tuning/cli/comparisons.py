@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tuning.cli.following import words
 from tuning.cli.options import (
     JSON,
     QUIET,
@@ -82,6 +83,7 @@ def contest(
         as_json=as_json,
         quiet=quiet,
         text=lambda: f"{lines()}\nwrote {folder}/*/best.toml, {folder / 'compare'} and {picture}",
+        following=words("report", folder),
     )
 
 
@@ -126,6 +128,7 @@ def compare(
         as_json=as_json,
         quiet=quiet,
         text=lambda: f"{lines()}\nwrote {folder / 'results.parquet'} and {picture}",
+        following=words("report", folder),
     )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tuning.cli.following import Words, words
 from tuning.cli.options import JSON, QUIET, SETTINGS, emit
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def export(
     if target is None and folder is None and thorough:
         from tuning.exports.recheck import check_folder
 
-        _tell(check_folder(config), as_json=as_json, quiet=quiet)
+        _tell(check_folder(config), None, as_json=as_json, quiet=quiet)
         return
     if target is None:
         raise click.MissingParameter(param_hint="'--to'", param_type="option")
@@ -69,13 +70,26 @@ def export(
     exported = export_config(
         config, target, folder, settings=settings, seconds=duration, recording=recording, thorough=thorough
     )
-    _tell(exported, as_json=as_json, quiet=quiet)
+    _tell(exported, None if thorough else folder, as_json=as_json, quiet=quiet)
 
 
-def _tell(exported: Exported, *, as_json: bool, quiet: bool) -> None:
+def _tell(exported: Exported, unchecked: Path | None, *, as_json: bool, quiet: bool) -> None:
     lines = [f"wrote {path}" for path in exported.written]
     lines += [f"{result['state']:8} {result['name']}: {result['what']}" for result in exported.results]
     result = {"ok": exported.ok, "files": [str(path) for path in exported.written], "checks": exported.results}
-    emit(result, as_json=as_json, quiet=quiet, text="\n".join(lines))
+    emit(
+        result,
+        as_json=as_json,
+        quiet=quiet,
+        text="\n".join(lines),
+        following=lambda: _following(exported, unchecked),
+    )
     if not exported.ok:
         raise click.exceptions.Exit(1)
+
+
+def _following(exported: Exported, unchecked: Path | None) -> Words:
+    """Return the whole check of a folder; after it, what else ships, or what the check ran on if it failed."""
+    if unchecked is not None:
+        return words("export", unchecked, "--check")
+    return words("init", "--list") if exported.ok else words("doctor")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from tuning.cli.following import start
 from tuning.cli.options import JSON, QUIET, emit
 
 
@@ -40,4 +41,4 @@ def doctor(as_json: bool, quiet: bool) -> None:
         f"{'compile cache':<14} {facts['compile_cache']}",
         f"{'extras':<14} " + ", ".join(f"{n} {'yes' if has else 'no'}" for n, has in facts["extras"].items()),
     ]
-    emit(facts, as_json=as_json, quiet=quiet, text="\n".join(lines))
+    emit(facts, as_json=as_json, quiet=quiet, text="\n".join(lines), following=start)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from tuning.cli.following import Words, words
 from tuning.cli.options import emit, table
 
 
@@ -47,4 +48,10 @@ def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: boo
             )
         return "\n".join([*lines, f"wrote {folder / 'best.toml'}, {folder / 'results.parquet'} and {picture}"])
 
-    emit(result, as_json=as_json, quiet=quiet, text=text)
+    def following() -> Words:
+        log = loaded.recording
+        chosen = [word for column, value in log.select.items() for word in ("--select", f"{column}={value}")]
+        mapped = [] if log.map is None else ["--map", log.map]
+        return words("estimate", log.file, "-c", folder / "best.toml", *mapped, *chosen)
+
+    emit(result, as_json=as_json, quiet=quiet, text=text, following=following)

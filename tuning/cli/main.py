@@ -63,8 +63,9 @@ for command in (
 def run(arguments: list[str] | None = None) -> int:
     """Run a command line and return its exit code."""
     try:
-        _check_encoding(sys.argv[1:] if arguments is None else arguments)
-        return cli.main(arguments, prog_name="vsajax", standalone_mode=False) or DONE
+        given = sys.argv[1:] if arguments is None else arguments
+        _check_encoding(given)
+        return cli.main(given, prog_name="vsajax", standalone_mode=False, obj=tuple(given)) or DONE
     except click.exceptions.Exit as ending:
         return ending.exit_code
     except (KeyboardInterrupt, click.Abort):

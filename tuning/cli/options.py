@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tuning.cli.following import Following, sentence
+
 if TYPE_CHECKING:
     from tuning.executors import Executor
 
@@ -96,12 +98,31 @@ def with_seed(settings: Sequence[str], seed: int | None) -> list[str]:
     return [*settings, *([] if seed is None else [f"seed={seed}"])]
 
 
-def emit(result: Mapping[str, Any], *, as_json: bool, quiet: bool, text: str | Callable[[], str]) -> None:
-    """Print a result: as JSON for machines, else as text unless quiet."""
+def emit(
+    result: Mapping[str, Any],
+    *,
+    as_json: bool,
+    quiet: bool,
+    text: str | Callable[[], str],
+    following: Following,
+    comment: bool = False,
+) -> None:
+    """Print a result: as JSON for machines, else as text unless quiet, with the command to type next as its end.
+
+    Args:
+        result: for machines.
+        as_json: whether they read it.
+        quiet: print nothing for people.
+        text: for people.
+        following: words of the next command, which works as it stands; JSON has none.
+        comment: the text is TOML, of which that line is a comment.
+    """
     if as_json:
         click.echo(json.dumps(_plain(result), indent=2, allow_nan=False))
     elif not quiet:
         click.echo(text if isinstance(text, str) else text())
+        line = sentence(following if isinstance(following, list) else following())
+        click.echo(f"# {line}" if comment else line)
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

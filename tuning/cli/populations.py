@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tuning.cli.following import again, words
 from tuning.cli.options import (
     JSON,
     QUIET,
@@ -113,6 +114,7 @@ def montecarlo(
             text=f"{scenarios} robots{extra}, {len(run.chunks)} chunks\n"
             f"memory {foreseen['memory'] / 2**30:.2f} GiB, compile {foreseen['compile_time']:.1f} s, "
             f"run {foreseen['run_time']:.1f} s (from one timed chunk; nothing written)",
+            following=lambda: again(without="--dry-run"),
         )
         return
     summary = run_population(
@@ -132,6 +134,7 @@ def montecarlo(
         as_json=as_json,
         quiet=quiet,
         text=lambda: _text(summary, study, folder, loaded.tune.objective, pictures),
+        following=words("report", folder),
     )
 
 

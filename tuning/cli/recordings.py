@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tuning.cli.following import Words, again, deploy, fresh, improve, words
 from tuning.cli.options import JSON, QUIET, SEED, SETTINGS, STUDY, emit, output_file, with_seed
 
 if TYPE_CHECKING:
     from tuning.logs.reading import RecordingTable
-    from tuning.study import Config
+    from tuning.study import Config, Study
 
 
 @click.command(epilog="Example: vsajax simulate study.toml -o rec.parquet")
@@ -41,7 +42,8 @@ def simulate(
     from tuning.logs.files import table_suffix
     from tuning.study import load_study
 
-    loaded = load_study(study, with_seed(settings, seed), unused=("sweep", "tune"))
+    own = with_seed(settings, seed)
+    loaded = load_study(study, own, unused=("sweep", "tune"))
     table_suffix(output)
     from tuning.runtime import start_jax
 
@@ -74,7 +76,19 @@ def simulate(
         quiet=quiet,
         text=f"wrote {output} ({len(columns['time'])} samples, {substeps} integration steps each) and {picture}"
         + ("" if robot is None else f"\nwrote {robot}: this robot alone, and the estimator as it was there"),
+        following=lambda: _after_simulation(loaded, study, output, robot, own),
     )
+
+
+def _after_simulation(study: Study, path: Path, recording: Path, robot: Path | None, settings: list[str]) -> Words:
+    """Return how to estimate over what was simulated; where nothing is estimated, how to better the study."""
+    from tuning.study import EstimationStudy
+
+    if not isinstance(study, EstimationStudy):
+        return improve(study, path, settings)
+    estimate = fresh(recording.with_name("estimate.parquet"))
+    config = words("-c", path, settings=settings) if robot is None else words("-c", robot)
+    return words("estimate", recording, *config, "-o", estimate)
 
 
 @click.command(epilog="Example: vsajax estimate log.csv -c best.toml --map signals.toml -o estimate.parquet")
@@ -153,8 +167,18 @@ def estimate(
         as_json=as_json,
         quiet=quiet,
         text=lambda: "\n".join([*(f"note: {note}" for note in table.notes), *answer.sentences, wrote]),
+        following=lambda: _after_estimate(output, config, settings, page, known=answer.summary["final_known"]),
     )
     return 1 if strict and answer.summary["faults"] else 0
+
+
+def _after_estimate(
+    output: Path, config: Path, settings: tuple[str, ...], page: Path | None, *, known: bool
+) -> Words:
+    """Return how to see what the log shows; after that, how to deploy an estimator that knows its stiffness."""
+    if page is None:
+        return again(extra=["--report", fresh(output.with_suffix(".html"))])
+    return deploy(config, settings) if known else words("check", config, settings=settings)
 
 
 def _require_signals(config: Config, table: RecordingTable) -> None:

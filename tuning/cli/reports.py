@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from tuning.cli.following import Words, again, deploy, words
 from tuning.cli.options import JSON, QUIET, emit
 
 
@@ -44,6 +45,15 @@ def report(run: Path, other: Path | None, output: Path | None, opens: bool, as_j
         as_json=as_json,
         quiet=quiet,
         text=f"{page.headline}\nwrote {output} ({len(page.pictures)} pictures, {size / 1e6:.1f} MB)",
+        following=lambda: _following(run, opened=opens),
     )
     if opens:
         click.launch(str(output))
+
+
+def _following(run: Path, *, opened: bool) -> Words:
+    """Return how to deploy what a run found; where it looked for nothing, how to see the report."""
+    best = run / "best.toml"
+    if best.is_file():
+        return deploy(best)
+    return words("init", "--list") if opened else again(extra=["--open"])

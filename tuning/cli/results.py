@@ -6,7 +6,11 @@ from pathlib import Path
 
 import click
 
+from tuning.cli.following import start
 from tuning.cli.options import JSON, QUIET, emit, table
+
+_EXAMPLES = {"cartesian": "arm", "duel": "serial", "all": "serial"}
+"""The example study of a paper, where it has another name."""
 
 
 @click.command(epilog="Example: vsajax reproduce serial -o runs/serial")
@@ -55,6 +59,7 @@ def reproduce(paper: str, folder: Path | None, as_json: bool, quiet: bool) -> No
         "findings": [finding for report in reports for finding in report.findings],
         "figures": [str(path) for report in reports for path in report.figures],
     }
-    emit(result, as_json=as_json, quiet=quiet, text=text)
+    kind = _EXAMPLES.get(paper, paper)
+    emit(result, as_json=as_json, quiet=quiet, text=text, following=lambda: start(kind, kind))
     if not ok:
         raise click.exceptions.Exit(1)

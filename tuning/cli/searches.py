@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tuning.cli.following import Words, again, deploy, improve, run_folder, words
 from tuning.cli.options import (
     JSON,
     QUIET,
@@ -75,7 +76,7 @@ def sweep(
     from tuning.runtime import start_jax
 
     start_jax()
-    from tuning.sweep import plan_sweep, rank
+    from tuning.sweep import plan_sweep, rank, write_winner
 
     planned = plan_sweep(loaded, str(study))
     if dry_run:
@@ -89,18 +90,27 @@ def sweep(
     from tuning.figures import draw_sweep, save
 
     picture = save(draw_sweep(rows, planned.axes, objective), folder / "figures" / "sweep.png")
+    best = write_winner(planned, rows[0], folder / "best.toml")
+    told = {"run": folder, "results": folder / "results.parquet", "picture": picture}
     emit(
-        {"run": folder, "results": folder / "results.parquet", "picture": picture, "best": rows[:10]},
+        told | {"winner": best, "best": rows[:10]},
         as_json=as_json,
         quiet=quiet,
         text=lambda: "\n".join(
             [
                 f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective}:",
                 table(list(rows[0]), [list(row.values()) for row in rows[:5]]),
-                f"wrote {folder / 'results.parquet'} and {picture}",
+                f"wrote {'' if best is None else f'{best}, '}{folder / 'results.parquet'} and {picture}",
             ]
         ),
+        following=lambda: words("check", study) if best is None else _after_sweep(loaded, best),
     )
+
+
+def _after_sweep(study: Study, best: Path) -> Words:
+    """Return how to go on from a sweep's winner: tune it, run it over its population, or see the report."""
+    following = improve(study, best, beside=best.parent)
+    return following if following[0] != "export" else words("report", best.parent)
 
 
 def _print_forecast(forecast: Any, *, as_json: bool, quiet: bool) -> None:
@@ -114,6 +124,7 @@ def _print_forecast(forecast: Any, *, as_json: bool, quiet: bool) -> None:
         f"{forecast.chunks} chunks\n"
         f"memory {forecast.memory / 2**30:.2f} GiB, compile {forecast.compile_time:.1f} s, "
         f"run {forecast.run_time:.1f} s (from one timed chunk; nothing written)",
+        following=lambda: again(without="--dry-run"),
     )
 
 
@@ -230,7 +241,14 @@ def tune(
         cost = f"{tuned.evaluations} evaluations in {tuned.seconds:.1f} s"
         return "\n".join([*lines, *judged, cost, f"wrote {folder / 'best.toml'} and {picture}"])
 
-    emit(result, as_json=as_json, quiet=quiet, text=text)
+    def following() -> Words:
+        if method == "pareto":
+            return words("report", folder)
+        if loaded.population.paths:
+            return words("montecarlo", folder / "best.toml", "-o", run_folder("montecarlo", folder))
+        return deploy(folder / "best.toml")
+
+    emit(result, as_json=as_json, quiet=quiet, text=text, following=following)
 
 
 def _refined(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict[str, Any], list[str]]:

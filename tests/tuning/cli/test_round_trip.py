@@ -38,7 +38,7 @@ def test_a_new_study_is_valid_and_prints_itself_in_full(kind, vsajax, tmp_path, 
     monkeypatch.chdir(tmp_path)
     ended = vsajax("init", kind)
     assert (ended.code, ended.err) == (0, "")
-    assert ended.out == f"wrote {kind}.toml; try: vsajax check {kind}.toml\n"
+    assert ended.out == f"wrote {kind}.toml\nNext: vsajax check {kind}.toml\n"
     assert "#" in (tmp_path / f"{kind}.toml").read_text()
     study = (load_arm_study if kind == "arm" else load_study)(tmp_path / f"{kind}.toml")
 
@@ -188,6 +188,7 @@ def test_a_sweep_is_forecast_run_and_reported(vsajax, tiny, tmp_path, monkeypatc
     assert means == sorted(means)
     assert pq.read_table(result["results"]).num_rows == 12
     assert {path.name for path in run.iterdir()} == {
+        "best.toml",
         "manifest.json",
         "chunks",
         "results.parquet",
