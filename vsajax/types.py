@@ -9,6 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 Scalar = Float[Array, ""]
+RunningSum = Scalar
+"""A sum over all samples so far. It outgrows single precision, so that generated code keeps it in double."""
 Series = Float[Array, " time"]
 
 

@@ -70,6 +70,8 @@ def export_config(
     manifest = manifest_of(subject, target, path, artefact)
     files = _write(folder, artefact, subject, manifest)
     results = run_check(folder, thorough=thorough)
+    # The page states what the checks found.
+    write_text(folder / "README.md", readme_of(subject, artefact, manifest, results))
     write_text(folder / "manifest.json", _json(manifest | {"checks": results}))
     return Exported(files, results)
 
@@ -92,7 +94,7 @@ def _check_folder_is_free(folder: Path, target: str) -> None:
 def _write(folder: Path, artefact: Artefact, subject: Subject, manifest: dict[str, Any]) -> list[Path]:
     texts: dict[str, str | bytes] = dict(artefact.files)
     texts["golden.csv"] = subject.golden.csv()
-    texts["README.md"] = readme_of(subject, artefact, manifest)
+    texts["README.md"] = readme_of(subject, artefact, manifest, [])
     texts["check.py"] = (_CHECKS / f"{artefact.check}.py").read_text(encoding="utf-8")
     texts["checking.py"] = (_CHECKS / "checking.py").read_text(encoding="utf-8")
     texts["manifest.json"] = _json(manifest)

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal
+from typing import Any, ForwardRef, Literal
 
 import jax
 import numpy as np
@@ -33,12 +33,14 @@ class Leaf:
         kind: of its elements.
         unit: SI, e.g. "N·m/rad"; "" where none is stated.
         meaning: a phrase.
+        is_sum: whether it adds up over all samples, a `vsajax.types.RunningSum`.
     """
 
     shape: tuple[int, ...]
     kind: Kind
     unit: str = ""
     meaning: str = ""
+    is_sum: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,10 +127,18 @@ def _record(cls: type, values: dict[str, Any]) -> Field | None:
         meaning, unit = explained.get(name, ("", ""))
         meaning = meaning or (name.replace("_", " ") if unit else "")
         field = describe(value, unit=unit, meaning=meaning)
+        if isinstance(field, Leaf) and _is_sum(cls, name):
+            field = dataclasses.replace(field, is_sum=True)
         if field is not None:
             fields[name] = field
     summary = (inspect.getdoc(cls) or "").partition("\n\n")[0].replace("\n", " ")
     return Record(snake(cls.__name__), summary, fields) if fields else None
+
+
+def _is_sum(cls: type, name: str) -> bool:
+    """Return whether a class declares a field as a sum; annotations are text where they are not evaluated."""
+    declared = cls.__annotations__.get(name)
+    return isinstance(declared, str | ForwardRef) and "RunningSum" in str(declared)
 
 
 @cache

@@ -78,10 +78,9 @@ class StepProgram:
         """The parameters' values, in jax' order."""
         return [np.asarray(value) for value in jax.tree.leaves(self.parameters.tree)]
 
-    @property
-    def state_bytes(self) -> int:
-        """Size of the state in double precision [byte]."""
-        return sum(8 * int(np.prod(leaf.shape)) for _, leaf in self.state.places)
+    def state_bytes(self, real: int = 8) -> int:
+        """Return the size of the state where a number has `real` bytes; sums over all samples always have 8."""
+        return sum((8 if leaf.is_sum else real) * int(np.prod(leaf.shape)) for _, leaf in self.state.places)
 
 
 def trace(

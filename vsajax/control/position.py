@@ -8,13 +8,13 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from vsajax.control.base import AbstractController
-from vsajax.types import Command, Scalar, Swing, as_leaf
+from vsajax.types import Command, RunningSum, Scalar, Swing, as_leaf
 
 
 class PIDState(NamedTuple):
     """The integral of the link's position [rad·s]."""
 
-    integral: Scalar
+    integral: RunningSum
 
 
 class MotorPID(eqx.Module):

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from vsajax.types import Scalar, Swing, as_leaf
+from vsajax.types import RunningSum, Scalar, Swing, as_leaf
 
 
 class AbstractRule(eqx.Module):
@@ -176,8 +176,8 @@ class ReleaseState(NamedTuple):
 
     position: Scalar
     is_leaving: Scalar
-    way_out: Scalar
-    since_peak: Scalar
+    way_out: RunningSum
+    since_peak: RunningSum
 
 
 class DelayedRelease(AbstractRule):

@@ -25,7 +25,7 @@ from vsajax.estimators.gate import ExcitationGate, GateState
 from vsajax.estimators.rls import FitState, RecursiveLeastSquares
 from vsajax.estimators.velocity import AbstractVelocityFilter
 from vsajax.numerics import Vector, lanes_minor, once, safe_sqrt
-from vsajax.types import Estimate, Sample, Scalar, Signals, as_leaf
+from vsajax.types import Estimate, RunningSum, Sample, Scalar, Signals, as_leaf
 
 _WHOLE = 1.0 - 1e-6
 """Above it a window is complete: T/T_s rounds."""
@@ -63,7 +63,7 @@ class RingState(NamedTuple):
     positions: Float[Array, " taps"]
     torques: Float[Array, " taps"]
     features: Float[Array, "taps d"]
-    seen: Scalar
+    seen: RunningSum
     stage: FitStage
 
 

@@ -38,7 +38,7 @@ from vsajax.numerics import (
     trace,
     with_slope,
 )
-from vsajax.types import Scalar, as_leaf, require_float64
+from vsajax.types import RunningSum, Scalar, as_leaf, require_float64
 
 _OVERFLOW = 1e30
 """Leverage from which a sample's features are not used; its root bounds the innovation, whose square is summed."""
@@ -201,9 +201,9 @@ class FitState(NamedTuple):
 
     coefficients: Vector
     covariance: Matrix
-    squares: Scalar
-    products: Scalar
-    weight: Scalar
+    squares: RunningSum
+    products: RunningSum
+    weight: RunningSum
     last: Scalar
 
 

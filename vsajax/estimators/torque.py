@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from vsajax.numerics import smooth_sign
-from vsajax.types import Sample, Scalar, as_leaf, optional_leaf
+from vsajax.types import RunningSum, Sample, Scalar, as_leaf, optional_leaf
 
 
 class Kinematics(NamedTuple):
@@ -112,8 +112,8 @@ class ResidualState(NamedTuple):
     """The residual [N·m on the motor axis], its unfiltered momentum balance, and what the integral needs."""
 
     residual: Scalar
-    balance: Scalar
-    impulse: Scalar
+    balance: RunningSum
+    impulse: RunningSum
     torque: Scalar
 
 

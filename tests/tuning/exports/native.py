@@ -52,7 +52,8 @@ def replay(program: StepProgram, golden: Golden, folder: Path, *options: str) ->
     ran = subprocess.run(["./harness", "golden.csv"], cwd=folder, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
     rows = [line.split() for line in ran.stdout.splitlines()]
-    return {row[0]: float(row[1]) for row in rows if row[0] != "bytes"}
+    rows = [row for row in rows if row[0] != "bytes"]
+    return {row[0]: float("inf") if int(row[3]) else float(row[1]) for row in rows}
 
 
 def stack(trees: list[Any]) -> Any:

@@ -78,6 +78,7 @@ class Storage:
             "carried" from turn to turn of a loop, or collected there; "result".
         group: locals of one group may become one array.
         is_inner: it only lives within one turn of a fused loop.
+        is_wide: it is a running sum, double whatever `real` is; see `widths`.
     """
 
     name: str
@@ -87,6 +88,12 @@ class Storage:
     role: Role
     group: str = ""
     is_inner: bool = False
+    is_wide: bool = False
+
+    @property
+    def declared(self) -> str:
+        """Its type, as the source declares it."""
+        return "double" if self.is_wide else self.type
 
     @property
     def is_local(self) -> bool:

@@ -14,7 +14,7 @@ from tuning.exports.c99.generate import Derived, Generated, member, storage_of
 from tuning.exports.c99.limits import check_lines, refusals
 from tuning.exports.c99.lowering import Code
 from tuning.exports.c99.naming import identifier
-from tuning.exports.c99.printing import FUNCTIONS, HELPERS, decimal, number, place, short, statement, sums
+from tuning.exports.c99.printing import FUNCTIONS, HELPERS, called, decimal, number, place, short, statement, sums
 from tuning.exports.c99.rolling import roll
 from tuning.exports.layout import Field, Leaf, Record, Repeated, dotted
 from tuning.exports.program import StepProgram
@@ -82,7 +82,7 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
     ]
     text = "\n".join(body)
     functions = [(short(f), f) for f in sorted(set(FUNCTIONS.values())) if f"r_{short(f)}(" in text]
-    helpers = [helper for operation, helper in HELPERS.items() if f"r_{operation}(" in text]
+    helpers = [helper for operation, helper in HELPERS.items() if f"{called(operation)}(" in text]
     largest = decimal(LARGEST_READING)
     values = {"functions": functions, "helpers": helpers, "largest": largest, "body": text}
     return Source(name, header, render("step.c", **shared, **values))
@@ -194,6 +194,7 @@ class _Structs:
             inner = self._define(field, found, f"{self.prefix}_{field.name}")
             return [f"{inner} {identifier(name)}{count};"]
         kind = f"{self.prefix}_real" if field.kind == "real" else field.kind
+        kind = "double" if field.is_sum else kind
         dimensions = count + "".join(f"[{n}]" for n in field.shape)
         return comment(f"{kind} {identifier(name)}{dimensions};", _remark(field))
 
@@ -243,7 +244,7 @@ def _derived_struct(name: str, derived: tuple[Derived, ...]) -> list[str]:
 def _defaults(program: StepProgram) -> list[str]:
     lines = []
     for (path, leaf), values in zip(program.parameters.places, program.defaults, strict=True):
-        storage = storage_of(path, leaf.shape, leaf.kind, "params", "given")
+        storage = storage_of(path, leaf, "params", "given")
         for index in np.ndindex(*leaf.shape):
             where = place(storage, tuple(Index(i) for i in index)).replace("params.", "params->", 1)
             lines.append(f"{where} = R({decimal(float(values[index]))});")
@@ -274,7 +275,7 @@ def _grouped(statements: Sequence[Assign | Repeat], scope: int, groups: Groups) 
     def join(one: Storage) -> None:
         known = any(other is one for members in groups.values() for other in members)
         if one.is_local and not known:
-            groups.setdefault((scope, one.group, one.shape, one.type), []).append(one)
+            groups.setdefault((scope, one.group, one.shape, one.declared), []).append(one)
 
     for s in statements:
         if isinstance(s, Assign):
@@ -305,7 +306,7 @@ def _name_locals(statements: Sequence[Assign | Repeat]) -> tuple[dict[str, str],
         for n, one in enumerate(members):
             one.name, one.indices = name, (Index(n),) if len(members) > 1 else ()
         if dimensions or first.role == "carried":
-            declared[name] = f"{first.type} {name}{''.join(f'[{n}]' for n in dimensions)};"
+            declared[name] = f"{first.declared} {name}{''.join(f'[{n}]' for n in dimensions)};"
         names.add(name)
     return declared, names
 

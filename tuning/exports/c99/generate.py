@@ -13,7 +13,7 @@ from tuning.exports.c99.naming import identifier
 from tuning.exports.c99.primitives import type_of
 from tuning.exports.c99.values import Value, stored
 from tuning.exports.flatten import Equation, Flat, Symbol
-from tuning.exports.layout import Kind, Path
+from tuning.exports.layout import Leaf, Path
 from tuning.exports.program import Places, Slot, StepProgram
 
 _COMBINED = {"sum": "add", "product": "mul"}
@@ -151,7 +151,7 @@ def _frontier(
 
 
 def _storages(places: Places, root: str, role: Role) -> list[Storage]:
-    return [storage_of(path, leaf.shape, leaf.kind, root, role) for path, leaf in places]
+    return [storage_of(path, leaf, root, role) for path, leaf in places]
 
 
 def member(path: Path) -> str:
@@ -162,13 +162,14 @@ def member(path: Path) -> str:
     return text
 
 
-def storage_of(path: Path, shape: tuple[int, ...], kind: Kind, root: str, role: Role) -> Storage:
+def storage_of(path: Path, leaf: Leaf, root: str, role: Role) -> Storage:
     """Return the place of an array below a struct."""
     cut = len(path)
     while cut and isinstance(path[cut - 1], int):
         cut -= 1
     name = root + ("->" if root in {"in", "out", "first"} else ".") + member(path[:cut])
-    return Storage(name, tuple(Index(int(i)) for i in path[cut:]), shape, kind, role)
+    indices = tuple(Index(int(i)) for i in path[cut:])
+    return Storage(name, indices, leaf.shape, leaf.kind, role, is_wide=leaf.is_sum)
 
 
 def _given(symbols: tuple[Symbol, ...], slot: Slot, root: str, role: Role) -> dict[int, Value]:

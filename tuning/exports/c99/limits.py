@@ -69,9 +69,7 @@ def _within(path: Path, leaf: Leaf, limits: Range) -> str:
 
 def _place(path: Path, leaf: Leaf) -> str:
     indices: tuple[Index, ...] = loops_over(leaf.shape)[0]
-    return place(storage_of(path, leaf.shape, leaf.kind, "params", "given"), indices).replace(
-        "params.", "params->", 1
-    )
+    return place(storage_of(path, leaf, "params", "given"), indices).replace("params.", "params->", 1)
 
 
 def _refused_unless(condition: str, shape: Sequence[int], number: int) -> list[str]:

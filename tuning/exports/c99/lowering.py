@@ -33,6 +33,7 @@ from tuning.exports.c99.expressions import (
 from tuning.exports.c99.fusing import Statement
 from tuning.exports.c99.primitives import EXTREMES, REDUCTIONS, is_view, lower, type_of
 from tuning.exports.c99.values import Value, stored
+from tuning.exports.c99.widths import is_wide
 from tuning.exports.flatten import Atom, Equation, Flat, Origin, Symbol, Turns
 
 _LONGEST = 48
@@ -173,6 +174,8 @@ class Lowering:
     def _store(self, value: Value, symbol: Symbol, equation: Equation) -> Value:
         origin = self.origins[id(symbol)]
         storage = self.targets.get(id(symbol)) or self._local(value, origin)
+        if storage.is_local and not value.pieces:
+            storage.is_wide = is_wide(value.at(loops_over(value.shape)[0]))
         self._assign(value, storage, origin.place)
         return stored(storage)
 

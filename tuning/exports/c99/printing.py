@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from tuning.exports.c99.expressions import (
     Read,
     Storage,
 )
+from tuning.exports.c99.widths import fitted
 
 WIDTH = 100
 _TINY = float(np.finfo(np.float64).tiny)
@@ -46,6 +48,10 @@ FUNCTIONS = {
 HELPERS = {
     "max": "static inline real r_max(real a, real b)\n{\n    return (a > b || isnan(a)) ? a : b;\n}\n",
     "min": "static inline real r_min(real a, real b)\n{\n    return (a < b || isnan(a)) ? a : b;\n}\n",
+    "wide_max": "static inline double wide_max(double a, double b)\n{\n"
+    "    return (a > b || isnan(a)) ? a : b;\n}\n",
+    "wide_min": "static inline double wide_min(double a, double b)\n{\n"
+    "    return (a < b || isnan(a)) ? a : b;\n}\n",
     "sign": "static inline real r_sign(real a)\n{\n"
     "    return a > R(0.0) ? R(1.0) : (a < R(0.0) ? R(-1.0) : a);\n}\n",
 }
@@ -97,7 +103,12 @@ def _with_strength(e: Expression) -> tuple[str, int]:
     if e.type == "int" and name in _LESSER:
         left, right = (expression(a, _SUM) for a in arguments)
         return f"{left} {_LESSER[name]} {right} ? {left} : {right}", _CHOICE
-    return f"r_{short(FUNCTIONS.get(name, name))}({inner})", _ATOM
+    return f"{called(FUNCTIONS.get(name, name))}({inner})", _ATOM
+
+
+def called(function: str) -> str:
+    """Return what a function of <math.h>, or a helper, is called in the source."""
+    return function if function.startswith("wide_") else f"r_{short(function)}"
 
 
 def short(function: str) -> str:
@@ -168,6 +179,7 @@ def statement(s: Assign, *, declare: bool) -> list[str]:
     moved = _block_move(s)
     if moved is not None:
         return moved
+    s = replace(s, value=fitted(s.value, is_wanted_wide=s.target.is_wide))
     target = place(s.target, s.indices)
     lines, depth = [], 0
     for variable, start, end in s.loops:
@@ -177,7 +189,7 @@ def statement(s: Assign, *, declare: bool) -> list[str]:
     if s.inner:
         lines += _accumulation(s, target, pad, declare)
     else:
-        typed = f"const {s.target.type} " if declare else ""
+        typed = f"const {s.target.declared} " if declare else ""
         lines += wrapped(f"{pad}{typed}{_assignment(target, s.value)};")
     lines += ["    " * n + "}" for n in reversed(range(depth))]
     return lines
@@ -200,7 +212,7 @@ _STARTS = {
 
 def _accumulation(s: Assign, target: str, pad: str, declare: bool) -> list[str]:
     start = "0" if s.combine == "sum" and s.target.type == "int" else _STARTS[s.combine]
-    typed = f"{s.target.type} " if declare else ""
+    typed = f"{s.target.declared} " if declare else ""
     lines, depth = [f"{pad}{typed}{target} = {start};"], 0
     for variable, first, end in s.inner:
         lines.append(f"{pad}{'    ' * depth}for (int {variable} = {first}; {variable} < {end}; ++{variable}) {{")
@@ -228,7 +240,7 @@ def sums(body: Sequence[Assign], loop: Loop, declare: Sequence[bool]) -> list[st
     lines = [f"{'real ' if new else ''}{target} = R(0.0);" for target, new in zip(targets, declare, strict=True)]
     lines.append(f"for (int {variable} = {start}; {variable} < {end}; ++{variable}) {{")
     for s, target in zip(body, targets, strict=True):
-        lines += wrapped(f"    {target} += {expression(s.value)};")
+        lines += wrapped(f"    {target} += {expression(fitted(s.value, is_wanted_wide=s.target.is_wide))};")
     return [*lines, "}"]
 
 

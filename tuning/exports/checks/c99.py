@@ -5,12 +5,14 @@ python check.py --quick    one compiler only
 """
 
 import json
+import math
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from checking import HERE, TOLERANCE, Result, run_checks  # pyright: ignore[reportMissingImports]
 
@@ -62,36 +64,48 @@ def replay(name: str, compiler: str, options: list[str], *, is_judged: bool = Tr
     if ran.returncode not in {0, 1} or (ran.stderr and ran.returncode):
         return Result(name, "failed", (ran.stderr or ran.stdout)[:2000])
     rows = [line.split() for line in ran.stdout.splitlines()]
-    found = {row[0]: float(row[1]) for row in rows if row[0] != "bytes"}
-    final = {row[0]: float(row[2]) for row in rows if row[0] != "bytes"}
     size = next(row[1:] for row in rows if row[0] == "bytes")
-    worst = max(found, key=lambda key: found[key])
-    figures = {
+    rows = [row for row in rows if row[0] != "bytes"]
+    found = {row[0]: float(row[1]) for row in rows}
+    final = {row[0]: float(row[2]) for row in rows}
+    lost = {row[0]: int(row[3]) for row in rows if row[3] != "0"}
+    figures: dict[str, Any] = {
         "deviation": found,
-        "final_deviation": final,
+        "final_deviation": {key: value if math.isfinite(value) else None for key, value in final.items()},
+        "not_finite": lost,
         "bytes": dict(zip(("instance", "input", "output"), map(int, size), strict=True)),
     }
     if not is_judged:
-        reals = {key: value for key, value in found.items() if KINDS[_whole(key)] == "real"}
-        others = ", ".join(key for key in found if key not in reals and found[key])
-        worst = "stiffness" if "stiffness" in reals else max(reals, key=lambda key: reals[key])
-        shown = f"{worst} {reals[worst]:.2g}" + (f", and {others} differs," if others else "")
-        at_end = _final({key: final[key] for key in reals})
-        told = f"stated, not judged: {shown} off at worst, {at_end:.2g} at the end"
-        told += "; TOO COARSE: use double precision" if at_end > COARSE else ""
-        return Result(name, "passed", told, figures)
+        differing = {row[0]: int(row[4]) for row in rows if KINDS[_whole(row[0])] != "real" and row[4] != "0"}
+        told = _stated({key: value for key, value in found.items() if KINDS[_whole(key)] == "real"}, final)
+        told += "".join(f"; {key} is not finite where double precision is, {_samples(lost[key])}" for key in lost)
+        told += "".join(f"; {key} differs {_samples(count)}" for key, count in differing.items())
+        is_coarse = any(not final[key] <= COARSE for key in found if key not in differing)
+        told += "; TOO COARSE at the end: use double precision" if is_coarse else ""
+        return Result(name, "passed", told, figures | {"differing": differing})
+    worst = max(found, key=lambda key: math.inf if key in lost else found[key])
+    far = math.inf if worst in lost else found[worst]
     state = "passed" if ran.returncode == 0 else "failed"
-    return Result(name, state, f"largest deviation {found[worst]:.2g} ({worst}), allowed {TOLERANCE:g}", figures)
+    return Result(name, state, f"largest deviation {far:.2g} ({worst}), allowed {TOLERANCE:g}", figures)
+
+
+def _stated(found: dict[str, float], final: dict[str, float]) -> str:
+    """Return how far the worst of all outputs is off, over the recording and at its end."""
+    worst = max(found, key=lambda key: found[key])
+    last = max(found, key=lambda key: final[key] if math.isfinite(final[key]) else -1.0)
+    return (
+        f"stated, not judged: of all outputs {worst} is off the most, by {found[worst]:.2g}; "
+        f"at the end {last}, by {final[last]:.2g}"
+    )
+
+
+def _samples(count: int) -> str:
+    return f"at {count} of {MANIFEST['golden']['samples']} samples"
 
 
 def _whole(entry: str) -> str:
     """Return the output that a column is an entry of; sides[0].stiffness is one by itself, torque[0] is not."""
     return entry if entry in KINDS else re.sub(r"(\[\d+\])+$", "", entry)
-
-
-def _final(final: dict[str, float]) -> float:
-    key = "stiffness" if "stiffness" in final else max(final, key=lambda k: final[k])
-    return final[key]
 
 
 def double_precision() -> list[Result]:

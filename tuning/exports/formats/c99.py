@@ -56,7 +56,7 @@ def write_c99(subject: Subject) -> Artefact:
     figures = {
         "worst_case_operations": dict(counted.most_common()),
         "worst_case_operations_total": sum(counted.values()),
-        "state_bytes": {"double": program.state_bytes, "single": program.state_bytes // 2},
+        "state_bytes": {"double": program.state_bytes(8), "single": program.state_bytes(4)},
     }
     usage = _USAGE.format(name=program.name, NAME=program.name.upper())
     return Artefact(files, "c99", usage, figures)
