@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from tuning.arm.chain import chain_of
 from tuning.arm.study import Arm
 from tuning.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
 from tuning.schema import validate
@@ -22,9 +24,11 @@ def parse_joint(tables: Mapping[str, Any], place: str) -> SerialJoint | Flexible
 
 
 def parse_arm(tables: Mapping[str, Any], place: str) -> Arm:
-    """Return the arm that tables describe.
+    """Return the arm that tables describe; a URDF is read.
 
     Raises:
         InputError: lists every mistake with its path.
     """
-    return validate(Arm, dict(tables), place)
+    arm = validate(Arm, dict(tables), place)
+    chain_of(arm, place, Path(place).parent)
+    return arm

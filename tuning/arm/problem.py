@@ -11,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from tuning.arm.robots import build_arm
+from tuning.arm.chain import chain_of
+from tuning.arm.robots import arm_of
 from tuning.arm.study import ArmStudy, check_joints
-from tuning.errors import InputError, Mistake
+from tuning.errors import InputError
 from vsajax import rollout
 from vsajax.arms import SerialArm, scaled_rows, task_scale
 from vsajax.control import (
@@ -28,9 +29,6 @@ from vsajax.control import (
 )
 
 Joints = Float[Array, " joints"]
-
-_ROUNDING = 1e-9
-"""Of degrees turned into radians."""
 
 
 class Outcome(NamedTuple):
@@ -73,6 +71,7 @@ class ArmProblem(eqx.Module):
         designer: both stages.
         length: at which a rotation counts as a displacement [m].
         load: on the hand, or `None` [N].
+        names: of the joints, in the order of every number that there is one of a joint.
     """
 
     arm: SerialArm
@@ -83,6 +82,7 @@ class ArmProblem(eqx.Module):
     designer: StiffnessDesigner
     length: Float[Array, ""]
     load: Float[Array, "3"] | None = None
+    names: tuple[str, ...] = eqx.field(static=True, default=())
 
     def jacobian(self, positions: Joints) -> Float[Array, "m joints"]:
         """Return J in the task's coordinates, rotations scaled to displacements."""
@@ -154,35 +154,25 @@ def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
     Raises:
         InputError: the URDF cannot be read, or numbers do not fit its joints.
     """
-    arm, ranges = build_arm(study.arm, str(path), path.parent)
-    mistakes = check_joints(study, arm.joints, str(path))
-    drawn = np.deg2rad(study.poses.drawn_deg) if study.poses.drawn_deg and not mistakes else ranges
-    mistakes += _check_drawn(drawn, ranges, str(path))
+    chain = chain_of(study.arm, str(path), path.parent)
+    mistakes = check_joints(study, chain, str(path))
     if mistakes:
         raise InputError(*mistakes)
-    every = jnp.ones(arm.joints)
+    drawn = np.deg2rad(study.poses.drawn_deg) if study.poses.drawn_deg else chain.ranges
+    every = jnp.ones(chain.joints)
     scale = task_scale(study.task.length)[: study.task.size]
     controller = study.controller
     return ArmProblem(
-        arm,
-        jnp.asarray(ranges),
+        arm_of(chain),
+        jnp.asarray(chain.ranges),
         jnp.asarray(drawn),
         jnp.asarray(study.task.matrix()) / (scale[:, None] * scale),
         StiffnessBounds(jnp.asarray(study.joints.lower) * every, jnp.asarray(study.joints.upper) * every),
         StiffnessDesigner(controller.max_stiffness, scaling=controller.scaling, clip=controller.clip),
         jnp.asarray(study.task.length),
         jnp.asarray(study.task.load) if any(study.task.load) else None,
+        chain.names,
     )
-
-
-def _check_drawn(drawn: np.ndarray, ranges: np.ndarray, place: str) -> list[Mistake]:
-    mistakes = []
-    for i, (own, whole) in enumerate(zip(drawn, ranges, strict=True)):
-        if own[0] < whole[0] - _ROUNDING or own[1] > whole[1] + _ROUNDING:
-            (low, high), (least, most) = np.rad2deg(own), np.rad2deg(whole)
-            problem = f"joint {i + 1} has {low:g} to {high:g}; its range is {least:g} to {most:g}"
-            mistakes.append(Mistake(f"{place}: poses.drawn_deg", problem, "stay within the range"))
-    return mistakes
 
 
 def pose_of(study: ArmStudy, problem: ArmProblem) -> jax.Array:

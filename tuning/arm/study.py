@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from tuning.arm.names import listed
 from tuning.errors import InputError, Mistake, input_error
 from tuning.kinds import ARM_STUDY, require_kind
 from tuning.parts.base import AtLeastOne, NonNegative, Positive
@@ -15,9 +16,17 @@ from tuning.resources import choose
 from tuning.schema import Seed, Table, read_toml, validate
 from tuning.tables import merge, with_settings
 
+if TYPE_CHECKING:
+    from tuning.arm.chain import Chain
+
 Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Numbers = Annotated[list[Positive], Field(min_length=1)]
+
+FARTHEST_DEG = 1e7
+"""Beyond it sines lose digits; no joint turns so far."""
+_ROUNDING = 1e-9
+"""Of degrees turned into radians."""
 
 
 class Turn(Table):
@@ -36,6 +45,8 @@ class Limited(Table):
     def _ordered(self) -> Limited:
         if self.range_deg[0] >= self.range_deg[1]:
             raise ValueError(f"range_deg must be low, then high; got {self.range_deg}")
+        if max(map(abs, self.range_deg)) > FARTHEST_DEG:
+            raise ValueError(f"range_deg must lie within ±{FARTHEST_DEG:g}; got {self.range_deg}")
         return self
 
 
@@ -48,8 +59,8 @@ class Joint(Limited):
 
     @model_validator(mode="after")
     def _has_direction(self) -> Joint:
-        if not any(self.axis):
-            raise ValueError("axis must not be zero")
+        if not 1e-6 <= math.hypot(*self.axis) <= 1e6:
+            raise ValueError(f"axis must be a direction, of a length between 1e-6 and 1e6; got {self.axis}")
         return self
 
 
@@ -86,8 +97,8 @@ class Arm(Table):
         given = [name for name in ("urdf", "joints", "dh") if getattr(self, name)]
         if len(given) != 1:
             raise ValueError(f"needs exactly one of preset, urdf, joints, dh; got {', '.join(given) or 'none'}")
-        if self.urdf is not None and self.tip is None:
-            raise ValueError("urdf needs tip, the name of the hand's link")
+        if self.urdf is None and (self.base is not None or self.tip is not None):
+            raise ValueError("base and tip name links of a urdf; tables of joints have none: remove them")
         return self
 
 
@@ -202,15 +213,20 @@ def load_arm_study(path: Path, settings: tuple[str, ...] | list[str] = ()) -> Ar
         preset = read_toml(choose("arms", arm["preset"], f"{place}: arm.preset"))
         data = data | {"arm": merge(preset, own)}
     study = validate(ArmStudy, data, place)
-    _check(study, place)
+    _check(study, path)
     return study
 
 
-def _check(study: ArmStudy, place: str) -> None:
-    """Check what no single table can. A URDF's joints are counted when it is read."""
+def _check(study: ArmStudy, path: Path) -> None:
+    """Check what no single table can; a URDF is read."""
+    from tuning.arm.chain import chain_of
+
+    place = str(path)
     mistakes = list(check_task(study.task, place))
-    if study.arm.urdf is None:
-        mistakes += check_joints(study, len(study.arm.joints or study.arm.dh), place)
+    try:
+        mistakes += check_joints(study, chain_of(study.arm, place, path.parent), place)
+    except InputError as error:
+        mistakes += error.mistakes
     if mistakes:
         raise InputError(*mistakes)
 
@@ -246,26 +262,59 @@ def _is_definite(rows: list[list[float]]) -> bool:
     return True
 
 
-def check_joints(study: ArmStudy, count: int, place: str) -> list[Mistake]:
-    """Return what is wrong with numbers that there must be one of a joint."""
+def check_joints(study: ArmStudy, chain: Chain, place: str) -> list[Mistake]:
+    """Return what is wrong with numbers that there must be one of a joint, in the order of the chain."""
     mistakes = []
+    count, named = chain.joints, _named(chain)
     bounds: dict[str, list[float]] = {}
     for name in ("lower", "upper"):
         given = getattr(study.joints, name)
         bounds[name] = given if isinstance(given, list) else [given] * count
         if len(bounds[name]) != count:
-            problem = f"got {len(bounds[name])} numbers; the arm has {count} joints"
+            problem = f"got {len(bounds[name])} numbers; the arm has {count} joints{named}"
             mistakes.append(Mistake(f"{place}: joints.{name}", problem, "give one number, or one a joint"))
     if not mistakes:
-        for i, (low, high) in enumerate(zip(bounds["lower"], bounds["upper"], strict=True)):
+        for joint, low, high in zip(chain.titles, bounds["lower"], bounds["upper"], strict=True):
             if low > high:
-                problem = f"joint {i + 1} has lower {low:g} above upper {high:g}"
+                problem = f"{joint} has lower {low:g} above upper {high:g}"
                 mistakes.append(Mistake(f"{place}: joints", problem, "exchange them"))
     for name, given, what in (
         ("arm.pose_deg", study.arm.pose_deg, "angle"),
         ("poses.drawn_deg", study.poses.drawn_deg, "pair"),
     ):
         if given and len(given) != count:
-            problem = f"got {len(given)} {what}s; the arm has {count} joints"
+            problem = f"got {len(given)} {what}s; the arm has {count} joints{named}"
             mistakes.append(Mistake(f"{place}: {name}", problem, f"give one {what} a joint"))
+    for joint, angle in zip(chain.titles, study.arm.pose_deg, strict=False):
+        if abs(angle) > FARTHEST_DEG:
+            problem = f"{joint} has {angle:g}; allowed: within ±{FARTHEST_DEG:g}"
+            mistakes.append(Mistake(f"{place}: arm.pose_deg", problem, "give angles in degrees"))
+    if not mistakes:
+        mistakes += _check_drawn(study, chain, place)
     return mistakes
+
+
+def _named(chain: Chain) -> str:
+    return f": {listed(chain.names)}" if chain.is_named else ""
+
+
+def _check_drawn(study: ArmStudy, chain: Chain, place: str) -> list[Mistake]:
+    mistakes = []
+    for joint, own, whole in zip(chain.titles, study.poses.drawn_deg, chain.ranges, strict=False):
+        least, most = (math.degrees(angle) for angle in whole)
+        if own[0] < least - _ROUNDING or own[1] > most + _ROUNDING:
+            problem = f"{joint} has {own[0]:g} to {own[1]:g}; its range is {least:g} to {most:g}"
+            mistakes.append(Mistake(f"{place}: poses.drawn_deg", problem, "stay within the range"))
+    return mistakes
+
+
+def outside_of(study: ArmStudy, chain: Chain) -> list[str]:
+    """Return a sentence for each joint that the study's pose puts outside of its range."""
+    said = []
+    for joint, angle, whole in zip(chain.titles, study.arm.pose_deg, chain.ranges, strict=False):
+        least, most = (math.degrees(end) for end in whole)
+        if not least - _ROUNDING <= angle <= most + _ROUNDING:
+            said.append(
+                f"arm.pose_deg puts {joint} at {angle:g}, outside of its range of {least:g} to {most:g} deg"
+            )
+    return said
