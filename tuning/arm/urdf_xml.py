@@ -133,9 +133,11 @@ class _Reader:
             raise input_error(self.robot.path, "is empty", "name a file that holds a URDF")
         try:
             self._parser.Parse(content, True)
+        except InputError:
+            raise
         except expat.ExpatError as error:
             raise self._broken(error) from None
-        except ValueError as error:  # an encoding that Python does not know either
+        except (LookupError, ValueError) as error:  # an encoding that Python does not know either
             raise input_error(self.robot.path, f"cannot be read as XML ({error})", "save it as UTF-8") from None
 
     def _broken(self, error: expat.ExpatError) -> InputError:

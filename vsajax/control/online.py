@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -38,8 +38,11 @@ class ArmReading(NamedTuple):
     stiffness: Matrix
 
     @property
-    def readings(self) -> tuple[Joints, Joints, Joints]:
-        """What must be sound: the desired stiffness is judged by the design, which answers with a status."""
+    def readings(self) -> tuple[Any, Any, Any]:
+        """What must be sound: the desired stiffness is judged by the design, which answers with a status.
+
+        An export asks for them with the inputs' numbers in place of arrays.
+        """
         return self.position, self.velocity, self.posture
 
 
