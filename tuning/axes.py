@@ -14,6 +14,15 @@ from tuning.schema import Table
 Scale = Literal["linear", "log"]
 _RANGE = re.compile(r"^(log|lin|linear)\(([^,]+),([^,]+),([^,]+)\)$")
 
+_TORQUE_ONLY = re.compile(
+    r"estimator\.((side|other)\.)?torque\.|sensing\.(motor_torque|motor1_torque|motor2_torque|elastic_torque)\."
+)
+
+
+def is_torque_only(path: str) -> bool:
+    """Return whether a number touches the torque signal alone, never the regressors."""
+    return _TORQUE_ONLY.match(path) is not None
+
 
 class Bounds(Table):
     """The interval in which a number is searched; with `only`, in those options of the study's choices alone."""
@@ -76,9 +85,17 @@ class Axis(Table):
         space = np.geomspace if self.scale == "log" else np.linspace
         return [float(x) for x in space(self.low or 0.0, self.high or 0.0, self.points or 1)]
 
+    @property
+    def size(self) -> int:
+        """Number of values, however many: none of them is made to count them."""
+        return (self.points or 1) if self.values is None else len(self.values)
+
     def ends(self) -> tuple[float, float]:
         """Return the smallest and the largest value."""
-        return min(self.grid()), max(self.grid())
+        if self.values is not None:
+            return min(self.values), max(self.values)
+        low, high = self.low or 0.0, self.high or 0.0
+        return low, low if self.points == 1 else high
 
 
 def parse_axis(text: str) -> tuple[str, Axis]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -19,20 +18,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from tuning.axes import is_torque_only
 from tuning.control_problem import AnyProblem
 from tuning.problem import Scenario, Stream, draw_scenarios
 from vsajax import rollout
 
-_TORQUE_ONLY = re.compile(
-    r"estimator\.((side|other)\.)?torque\.|sensing\.(motor_torque|motor1_torque|motor2_torque|elastic_torque)\."
-)
 _WIDTH = 256
 """Lanes times inner points evaluated at a time on a device; wider falls out of the cache."""
-
-
-def is_torque_only(path: str) -> bool:
-    """Return whether a number touches the torque signal alone, never the regressors."""
-    return _TORQUE_ONLY.match(path) is not None
 
 
 def lane_program(problem: AnyProblem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:

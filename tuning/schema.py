@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +10,7 @@ import pydantic
 
 from tuning.errors import InputError, Mistake, input_error
 from tuning.resources import located
+from tuning.tables import parse_toml
 
 Seed = Annotated[int, pydantic.Field(ge=0, le=2**63 - 1)]
 """Of which random numbers are drawn; what jax can hold."""
@@ -56,12 +56,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a TOML file.
 
     Raises:
-        InputError: as `read_text`, or the text is not TOML (with line and column).
+        InputError: as `read_text`, or `tables.parse_toml`.
     """
-    try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise input_error(path, f"is not valid TOML: {error}", _way_out(path, "mend that line")) from None
+    return parse_toml(read_text(path), path, _way_out(path, "mend that line"))
 
 
 def _way_out(path: Path, otherwise: str) -> str:

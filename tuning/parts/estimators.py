@@ -85,6 +85,17 @@ class SeparableOddPolynomial(Part):
     deflection_offset: bool = False
     torque_bias: bool = False
 
+    @property
+    def size(self) -> int:
+        """Number of coefficients; the built basis says the same."""
+        return (
+            self.deflection_terms * self.setpoint_terms * (2 if self.deflection_offset else 1) + self._has_constant
+        )
+
+    @property
+    def _has_constant(self) -> bool:
+        return self.torque_bias and not self.deflection_offset
+
 
 class Polynomial(Part):
     """1, x, …, x^order of the deflection."""
@@ -94,6 +105,11 @@ class Polynomial(Part):
     deflection_scale: Positive = 1.0
     order: AtLeastOne = 1
 
+    @property
+    def size(self) -> int:
+        """Number of coefficients; the built basis says the same."""
+        return self.order + 1
+
 
 class Taylor(Part):
     """φ^(j+1)/(j+1)! for j = 0 … order: a stiffness of that Taylor order."""
@@ -101,7 +117,12 @@ class Taylor(Part):
     target = "estimators.Taylor"
     type: Literal["taylor"]
     deflection_scale: Positive = 1.0
-    order: Annotated[int, Field(ge=0)] = 2
+    order: Annotated[int, Field(ge=0, le=160)] = 2  # beyond, the factorials overflow
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients; the built basis says the same."""
+        return self.order + 1
 
 
 class Legendre(Part):
@@ -113,6 +134,11 @@ class Legendre(Part):
     lower: float
     upper: float
     order: AtLeastOne = 3
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients; the built basis says the same."""
+        return self.order + 1
 
 
 class UnitFactor(Part):
