@@ -29,7 +29,7 @@ _SQUARE_SECONDS, _SQUARE_BYTES = 1.5e-10, 48
 """Of an entry of a covariance: a sample's work, and its copies."""
 _CUBE_SECONDS = 9e-6
 """Of compiling a fit, whose features are a line of the program each: a minute for 190 of them."""
-_DELAY_SECONDS = 2e-3
+_DELAY_SECONDS = 0.1
 """Of compiling a sample that a controller's delay may hold back."""
 _ROW_BYTES = 8 * 3
 """Of a number in a table that is joined, read and sorted."""
