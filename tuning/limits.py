@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from tuning.errors import InputError, Mistake, input_error
+from tuning.errors import input_error
 
 MEMORY, HOURS, COMPILATION = "VSAJAX_MEMORY_GIB", "VSAJAX_HOURS", "VSAJAX_COMPILE_MINUTES"
 """Environment variables that replace the limits."""
@@ -53,10 +53,6 @@ class Need:
     seconds: float = 0.0
     compiling: float = 0.0
 
-    def at(self, place: str) -> Need:
-        """Return it with another place: an option that replaces the file's number."""
-        return replace(self, place=place)
-
 
 def limits() -> Limits:
     """Return the limits of this machine, or those that the environment gives.
@@ -72,15 +68,15 @@ def require(*needs: Need) -> None:
     """Refuse what exceeds a limit.
 
     Raises:
-        InputError: names everything that does, with how much it is, what it takes, and what raises the limit.
+        InputError: names the first that does, from which others may follow: how much it is, what it takes, and
+            what raises the limit.
     """
     allowed = limits()
-    mistakes = [mistake for need in needs for mistake in _beyond(need, allowed)]
-    if mistakes:
-        raise InputError(*mistakes)
+    for need in needs:
+        _require_within(need, allowed)
 
 
-def _beyond(need: Need, allowed: Limits) -> list[Mistake]:
+def _require_within(need: Need, allowed: Limits) -> None:
     # NaN, of numbers beyond all bounds multiplied by 0, is beyond them too.
     exceeded = {
         MEMORY: not need.memory <= allowed.memory,
@@ -88,7 +84,7 @@ def _beyond(need: Need, allowed: Limits) -> list[Mistake]:
         COMPILATION: not need.compiling <= allowed.compiling,
     }
     if not any(exceeded.values()):
-        return []
+        return
     taken = [f"about {in_bytes(need.memory)} of memory"] if need.memory else []
     taken += [f"{in_time(need.seconds)} of work"] if need.seconds else []
     taken += [f"{in_time(need.compiling)} of compilation"] if exceeded[COMPILATION] else []
@@ -97,7 +93,8 @@ def _beyond(need: Need, allowed: Limits) -> list[Mistake]:
     has += [f"{in_time(allowed.compiling)} of compilation"] if exceeded[COMPILATION] else []
     problem = f"{need.amount}: needs {', '.join(taken)}; allowed: {', '.join(has)}"
     raised = " and ".join(name for name, is_exceeded in exceeded.items() if is_exceeded)
-    return [Mistake(need.place, problem, f"{need.fix}; or raise the limit by {raised}=NUMBER in the environment")]
+    fix = f"{need.fix}; or raise the limit: set {raised} in the environment"
+    raise input_error(need.place, problem, fix)
 
 
 def number(count: float) -> float:
@@ -122,8 +119,8 @@ def in_count(count: float) -> str:
 
 def in_bytes(size: float) -> str:
     """Return bytes as people read them."""
-    for unit, scale in (("TiB", 2**40), ("GiB", 2**30)):
-        if not size < 0.1 * scale:
+    for unit, scale, least in (("TiB", 2**40, 1.0), ("GiB", 2**30, 0.1)):
+        if not size < least * scale:
             return f"{size / scale:,.3g} {unit}" if size < 1e4 * scale else f"{size / scale:.2g} {unit}"
     return f"{size / 2**20:.0f} MiB"
 

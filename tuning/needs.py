@@ -8,18 +8,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from tuning.axes import is_torque_only
+from tuning.errors import input_error
 from tuning.limits import Need, in_count, product
 from tuning.parts.bench import BandLimitedNoise, Clock
 from tuning.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.runtime import usable_cores
 from tuning.study import Config, DampingStudy, EstimationStudy, Study
 
+if TYPE_CHECKING:
+    from tuning.logs.study import LogStudy
+
 _SAMPLE_BYTES, _SAMPLE_SECONDS = 600, 3e-5
 """Of one recording that is simulated, written and drawn."""
-_GOLDEN_BYTES = 4000
-"""Of a sample of a golden recording, most of it text."""
+_GOLDEN_BYTES, _GOLDEN_SAMPLE_TIME = 4000, 1e-3
+"""Of a sample of a golden recording, most of it text; and the sample time of what has none [s]."""
 _LANE_BYTES, _MOTION_BYTES = 40, 160
 """Of a sample of one of the recordings that are scored side by side, and of its motion where that is its own."""
 _LANES = 16
@@ -105,7 +110,7 @@ def of_scores(
     rows: float = 0.0,
     columns: float = 0.0,
     together: float = 0.0,
-    workers: float = 1.0,
+    machines: float = 1.0,
 ) -> Need:
     """Return what it takes to score recordings of a study.
 
@@ -116,7 +121,7 @@ def of_scores(
         rows: of the table that is kept.
         columns: of the table, beside the scores.
         together: scores that one program returns.
-        workers: processes that share the work, each with as many cores as this machine.
+        machines: like this one, that share the work.
     """
     samples, size = samples_of(study.clock), 0
     if isinstance(study, EstimationStudy):
@@ -131,11 +136,11 @@ def of_scores(
     return replace(
         asked,
         memory=asked.memory + lanes * lane + table,
-        seconds=asked.seconds + product(count, samples) * step / (usable_cores() * workers),
+        seconds=asked.seconds + product(count, samples) * step / (usable_cores() * machines),
     )
 
 
-def of_sweep(study: Study, place: str, *, workers: float = 1.0) -> Need:
+def of_sweep(study: Study, place: str, *, machines: float = 1.0) -> Need:
     """Return what the grid of a study needs; `place` is the file's, or that of the options in its place."""
     sizes = {path: axis.size for path, axis in study.sweep.grid.items()}
     scenarios, points = study.sweep.scenarios, product(*sizes.values())
@@ -144,23 +149,23 @@ def of_sweep(study: Study, place: str, *, workers: float = 1.0) -> Need:
     amount = f"{in_count(points)} points × {in_count(scenarios)} scenarios = {in_count(rows)} rows of results"
     asked = Need(place, amount, "give the axes fewer points, or fewer scenarios")
     chunk = max(inner, min(rows, _CHUNK_STEPS / samples_of(study.clock)))
-    return of_scores(study, rows, asked, rows=rows, columns=len(sizes), together=chunk, workers=workers)
+    return of_scores(study, rows, asked, rows=rows, columns=len(sizes), together=chunk, machines=machines)
 
 
-def of_population(study: Study, scenarios: float, place: str, *, workers: float = 1.0) -> Need:
+def of_population(study: Study, scenarios: float, place: str, *, machines: float = 1.0) -> Need:
     """Return what a Monte Carlo run over a study's population needs."""
     asked = Need(place, f"{in_count(scenarios)} robots, a row of results each", "run fewer scenarios")
     columns = len(study.population.paths)
-    return of_scores(study, scenarios, asked, rows=scenarios, columns=columns, workers=workers)
+    return of_scores(study, scenarios, asked, rows=scenarios, columns=columns, machines=machines)
 
 
-def of_design(study: Study, rows: float, place: str, *, workers: float = 1.0) -> Need:
+def of_design(study: Study, rows: float, place: str, *, machines: float = 1.0) -> Need:
     """Return what a design for Sobol indices needs, of so many rows."""
     paths, factors = len(study.population.paths), len(study.population.factors) + 1
     count = product(rows, factors + 2)
     amount = f"{in_count(rows)} rows of a design × {factors + 2} = {in_count(count)} robots"
     asked = Need(place, amount, "ask for fewer rows", memory=product(rows, 2 * max(paths, 1), 24))
-    return of_scores(study, count, asked, rows=count, columns=paths, workers=workers)
+    return of_scores(study, count, asked, rows=count, columns=paths, machines=machines)
 
 
 def of_gradient(study: Study, place: str, *, screened: float | None = None, starts: float | None = None) -> Need:
@@ -222,17 +227,53 @@ def of_study(study: Study, place: str) -> list[Need]:
     return found
 
 
-def of_golden(seconds: float, sample_time: float, place: str) -> Need:
-    """Return what an export needs for a golden recording of so many seconds."""
+def of_log_search(study: LogStudy, place: str, *, samples: float = 0.0) -> Need:
+    """Return what a search on a log of so many samples needs."""
+    tune = study.tune
+    steps = product(tune.starts, tune.max_steps, len(tune.parameters) + 2)
+    amount = f"{in_count(tune.screen)} points screened and {in_count(tune.starts)} starts"
+    return Need(
+        f"{place}: tune",
+        f"{amount} of {in_count(tune.max_steps)} steps, × {in_count(samples)} samples",
+        "ask for fewer of these",
+        memory=64.0 * product(tune.screen + tune.starts, len(tune.parameters) + 4),
+        seconds=(product(tune.screen) + steps) * (samples + 1.0) * _STEP_SECONDS,
+    )
+
+
+def of_export(config: object, seconds: float, place: str, option: str) -> list[Need]:
+    """Return what an export needs: its parts, and a golden recording of so many seconds that `option` asks for."""
+    found, sample_time = [], _GOLDEN_SAMPLE_TIME
+    if isinstance(config, Config):
+        found.append(of_fit(config.estimator, place))
+    if isinstance(config, Study):
+        sample_time = config.clock.sample_time
+        recording = of_recording(config, place)
+        found.append(replace(recording, memory=0.0, seconds=0.0))
     samples = seconds / sample_time
     amount = f"{in_count(round_up(samples))} samples of a golden recording ({seconds:g} s)"
-    fix = "ask for a shorter recording [s]"
-    return Need(place, amount, fix, memory=_GOLDEN_BYTES * samples, seconds=5.0 * _SAMPLE_SECONDS * samples)
+    fix = "ask for a shorter one, in seconds"
+    golden = Need(option, amount, fix, memory=_GOLDEN_BYTES * samples, seconds=5.0 * _SAMPLE_SECONDS * samples)
+    return [*found, golden]
 
 
 def of_workers(workers: float, place: str) -> Need:
     """Return what processes of this machine need."""
     return Need(place, f"{in_count(workers)} processes", "start fewer", memory=_WORKER_BYTES * float(workers))
+
+
+def require_drawable(study: Study, scenarios: int, place: str) -> None:
+    """Refuse scenarios beyond those that can be told apart: 2³⁰ Sobol points, 2³² draws of noise.
+
+    Raises:
+        InputError: names the largest number.
+    """
+    uses_sobol = study.population.sampling == "sobol" and bool(study.population.paths)
+    most = 2**30 if uses_sobol else 2**32
+    if scenarios > most:
+        fix = 'choose a lower number, or population.sampling = "random"' if uses_sobol else "choose a lower number"
+        problem = f"asks for the first {in_count(scenarios)} scenarios; there are {in_count(most)}"
+        raise input_error(place, problem, fix)
 
 
 def round_up(count: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +15,20 @@ from tuning.cli.options import JSON, QUIET, RUN, SEED, SETTINGS, STUDY, emit, ta
 if TYPE_CHECKING:
     from tuning.arm.problem import ArmProblem
     from tuning.arm.study import ArmStudy
+    from tuning.limits import Need
 
 
-def _open(path: Path, settings: tuple[str, ...], seed: int | None) -> tuple[ArmStudy, ArmProblem]:
+def _open(
+    path: Path,
+    settings: tuple[str, ...],
+    seed: int | None,
+    needs: Callable[[ArmStudy, str], Sequence[Need]] | None = None,
+) -> tuple[ArmStudy, ArmProblem]:
     from tuning.arm.study import load_arm_study
+    from tuning.limits import require
 
     study = load_arm_study(path, with_seed(settings, seed))
+    require(*(needs(study, str(path)) if needs else ()))
     from tuning.runtime import start_jax
 
     start_jax()
@@ -60,7 +69,9 @@ def workspace(
     study: Path, folder: Path, settings: tuple[str, ...], seed: int | None, as_json: bool, quiet: bool
 ) -> None:
     """Map the stiffness that the arm of STUDY can have over its workspace."""
-    loaded, problem = _open(study, settings, seed)
+    from tuning.arm.needs import of_workspace
+
+    loaded, problem = _open(study, settings, seed, of_workspace)
     from tuning.arm.workspace import map_workspace, write_workspace
 
     columns, summary = map_workspace(loaded, problem)
@@ -96,7 +107,9 @@ def poses(
     study: Path, folder: Path, settings: tuple[str, ...], seed: int | None, as_json: bool, quiet: bool
 ) -> None:
     """Search poses with the hand where it is whose joints alone fit the stiffness better."""
-    loaded, problem = _open(study, settings, seed)
+    from tuning.arm.needs import of_poses
+
+    loaded, problem = _open(study, settings, seed, of_poses)
     from tuning.arm.poses import improve_poses, write_poses
     from tuning.progress import progress
 
@@ -123,10 +136,16 @@ def run_arm_accuracy(
     study: Path, folder: Path, draws: int, settings: tuple[str, ...], seed: int | None, as_json: bool, quiet: bool
 ) -> None:
     """Do `vsajax montecarlo` for an arm: what an error in the joints' stiffness costs at the hand."""
-    loaded, problem = _open(study, settings, seed)
-    from tuning.arm.accuracy import run_accuracy, summarise, write_accuracy
+    from tuning.arm.needs import of_accuracy
 
     chosen = click.get_current_context().get_parameter_source("scenarios") is not ParameterSource.DEFAULT
+
+    def needs(loaded: ArmStudy, place: str) -> list[Need]:
+        return of_accuracy(loaded, "--scenarios", draws) if chosen else of_accuracy(loaded, place)
+
+    loaded, problem = _open(study, settings, seed, needs)
+    from tuning.arm.accuracy import run_accuracy, summarise, write_accuracy
+
     columns = run_accuracy(loaded, problem, study, draws if chosen else None)
     files, rows = write_accuracy(columns, folder), summarise(columns)
 

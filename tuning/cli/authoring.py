@@ -12,6 +12,7 @@ from tuning.cli.options import JSON, QUIET, SETTINGS, STUDY, emit
 
 if TYPE_CHECKING:
     from tuning.kinds import FileKind
+    from tuning.limits import Need
     from tuning.schema import Table
 
 
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 @click.argument("kind", required=False)
 @click.argument("file", type=click.Path(path_type=Path), required=False)
 @click.option("--list", "lists", is_flag=True, help="Print every file that ships with vsajax and what it is.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Of init map; by default LOG's name, .toml.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="File; of init map by default LOG's name, .toml."
+)
 @JSON
 @QUIET
 def init(
@@ -43,7 +46,9 @@ def init(
     from tuning.store import write_text
 
     example = find_shipped(kind, f"KIND: got {kind!r}")
-    target = file or Path(example.name)
+    if file is not None and output is not None:
+        raise click.UsageError("name the file once: as FILE, or by -o")
+    target = file or output or Path(example.name)
     if target.exists():
         raise input_error(target, "exists already", "name another file, or remove it first")
     write_text(target, example.read_text(encoding="utf-8"))
@@ -101,9 +106,11 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
 
     Configurations, studies of logs and of arms, signal maps and presets are checked alike.
     """
+    from tuning.limits import require
     from tuning.study import resolved, study_hash, to_toml
 
     kind, config = _load(study, settings)
+    require(*_needs_of(config, str(study)))
     what, tables, digest = kind.label, resolved(config), study_hash(config)
     emit(
         {"ok": True, "what": what, "hash": digest, "study": tables},
@@ -113,6 +120,23 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
         following=lambda: after_check(kind.name, _kind_of_joint(config), study, settings),
         comment=True,
     )
+
+
+def _needs_of(config: Table, place: str) -> list[Need]:
+    """Return what a file asks for by itself, whichever command it is given to."""
+    from tuning import needs
+    from tuning.arm.needs import of_arm
+    from tuning.arm.study import ArmStudy
+    from tuning.logs.study import LogStudy
+    from tuning.study import Config, Study
+
+    if isinstance(config, ArmStudy):
+        return of_arm(config, place)
+    if isinstance(config, Study):
+        return needs.of_study(config, place)
+    if isinstance(config, LogStudy):
+        return [needs.of_fit(config.estimator, place), needs.of_log_search(config, place)]
+    return [needs.of_fit(config.estimator, place)] if isinstance(config, Config) else []
 
 
 def _kind_of_joint(config: Table) -> str:

@@ -59,8 +59,17 @@ def contest(
     from tuning.study import load_study
 
     loaded = load_study(study, with_seed(settings, seed))
+    from tuning.limits import require
+    from tuning.needs import of_base, of_held_out, of_trials
     from tuning.runtime import start_jax
+    from tuning.structures import combinations
 
+    count = len(combinations(loaded.tune.choices))
+    require(
+        *of_base(loaded, str(study)),
+        of_trials(loaded, trials, batch, "--trials and --batch", searches=count),
+        of_held_out(loaded, count, f"{study}: scenarios.held_out"),
+    )
     start_jax()
     from tuning.contest import contest as hold_contest
 
@@ -118,8 +127,13 @@ def compare(
     own = [*settings, *([] if scenarios is None else [f"scenarios.held_out={scenarios}"])]
     loaded = load_study(study, with_seed(own, seed))
     studies = contenders({str(path): load_config(path) for path in configs}, loaded, str(study))
+    from tuning.limits import require
+    from tuning.needs import of_base, of_held_out
     from tuning.runtime import start_jax
 
+    place = f"{study}: scenarios.held_out" if scenarios is None else "--scenarios"
+    bases = [need for name, one in studies.items() for need in of_base(one, name)]
+    require(*bases, of_held_out(loaded, len(studies), place))
     start_jax()
     found = run_comparison(studies, folder, resume=resume, quiet=quiet)
     rows, lines, picture = _compared(loaded, found, _labels(configs), folder)

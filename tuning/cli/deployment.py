@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tuning.cli.following import Words, words
-from tuning.cli.options import JSON, QUIET, SETTINGS, emit
+from tuning.cli.options import JSON, QUIET, SETTINGS, emit, refuse_given
 
 if TYPE_CHECKING:
     from tuning.exports.recheck import Exported
@@ -50,6 +50,7 @@ def export(
     With --check and no format, CONFIG is a folder that was exported, and its checks are run again.
     """
     if target is None and folder is None and thorough:
+        refuse_given("does not go with the check of an exported folder", "recording", "duration", "settings")
         from tuning.exports.recheck import check_folder
 
         _tell(check_folder(config), None, as_json=as_json, quiet=quiet)
@@ -61,8 +62,14 @@ def export(
     from tuning.exports.configs import load_exportable
 
     # Mistakes are told before jax is waited for.
-    load_exportable(config, settings)
+    loaded = load_exportable(config, settings)
+    if recording is not None:
+        refuse_given("does not go with --recording, which has a length of its own", "duration")
+    from tuning.limits import require
+    from tuning.needs import of_export
     from tuning.runtime import start_jax
+
+    require(*of_export(loaded, 0.0 if recording else duration, str(config), "--duration"))
 
     start_jax()
     from tuning.exports.export import export_config

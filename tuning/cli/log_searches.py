@@ -16,6 +16,10 @@ def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: boo
 
     loaded = load_log_study(study, settings)
     require_untouched(folder)
+    from tuning.limits import require
+    from tuning.needs import of_fit, of_log_search
+
+    require(of_fit(loaded.estimator, str(study)), of_log_search(loaded, str(study)))
     from tuning.runtime import start_jax
 
     start_jax()
@@ -24,6 +28,10 @@ def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: boo
     from tuning.logs.search import plan_log_search, write_tuned_log
 
     search = plan_log_search(loaded, str(study))
+    samples = len(search.table.columns["time"])
+    require(
+        of_fit(loaded.estimator, str(study), samples=samples), of_log_search(loaded, str(study), samples=samples)
+    )
     tuned = search.run(quiet=quiet)
     write_tuned_log(loaded, tuned, folder)
     picture = save(draw_tried(tuned.rows, list(tuned.values)), folder / "figures" / "tuning.png")

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from tuning.cli.following import Following, sentence
 
 if TYPE_CHECKING:
     from tuning.executors import Executor
+    from tuning.limits import Need
 
 STUDY = click.argument("study", type=click.Path(path_type=Path))
 SETTINGS = click.option(
@@ -52,6 +54,37 @@ def with_executor(command: Callable[..., Any]) -> Callable[..., Any]:
     )
     scheduler = click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler that runs already.")
     return executor(workers(scheduler(command)))
+
+
+def machines_of(executor: str | None, workers: int | None, scheduler: str | None) -> float:
+    """Return how many machines share the work that the options spread; of a scheduler's nobody knows."""
+    if scheduler is not None:
+        return float("inf")
+    return float(workers or 1) if executor == "slurm" else 1.0
+
+
+def needs_of_workers(executor: str | None, workers: int | None) -> list[Need]:
+    """Return what processes on this machine need, where the options start any."""
+    from tuning.needs import of_workers
+
+    return [of_workers(workers, "--workers")] if workers and executor in {None, "dask"} else []
+
+
+def refuse_given(reason: str, *names: str) -> None:
+    """Refuse options of the running command that were typed though nothing would come of them.
+
+    Args:
+        reason: why, e.g. "does not go with --dry-run".
+        names: of their parameters.
+
+    Raises:
+        click.UsageError: names the first of them that was typed.
+    """
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if name in names and context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise click.UsageError(f"{parameter.opts[0]} {reason}")
 
 
 def executor_for(executor: str | None, workers: int | None, scheduler: str | None, folder: Path) -> Executor:

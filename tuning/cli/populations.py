@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,9 @@ from tuning.cli.options import (
     STUDY,
     emit,
     executor_for,
+    machines_of,
+    needs_of_workers,
+    refuse_given,
     table,
     with_executor,
     with_seed,
@@ -80,22 +84,25 @@ def montecarlo(
     if is_arm_study(read_toml(study)):
         from tuning.cli.arms import run_arm_accuracy
 
-        refused = {
-            "--precision": precision,
-            "--sensitivity": sensitivity,
-            "--dry-run": dry_run,
-            "--resume": resume,
-        }
-        given = [name for name, value in (refused | {"--executor": executor}).items() if value]
-        if given or workers or scheduler:
-            raise click.UsageError(f"{given[0] if given else '--workers'} does not go with a study of an arm")
+        spread = ("executor", "workers", "scheduler")
+        own = ("precision", "sensitivity", "worst", "dry_run", "resume")
+        refuse_given("does not go with a study of an arm", *own, *spread)
         return run_arm_accuracy(study, folder, scenarios, settings, seed, as_json, quiet)
     loaded = load_study(study, with_seed(settings, seed), unused=["sweep"])
     if sensitivity & (sensitivity - 1):
         below = 1 << (sensitivity.bit_length() - 1)
         raise input_error("--sensitivity", f"got {sensitivity}", f"allowed: powers of two, e.g. {below}")
+    if dry_run:
+        refuse_given("does not go with --dry-run, which scores nothing", "resume", "worst", "precision")
+    from tuning.limits import require
+    from tuning.needs import of_base, of_design, of_population, require_drawable
     from tuning.runtime import start_jax
 
+    machines = machines_of(executor, workers, scheduler)
+    asked = [of_population(loaded, scenarios, "--scenarios", machines=machines)]
+    asked += [of_design(loaded, sensitivity, "--sensitivity", machines=machines)] if sensitivity else []
+    require(*of_base(loaded, str(study)), *asked, *needs_of_workers(executor, workers))
+    require_drawable(loaded, scenarios, "--scenarios")
     start_jax()
     from tuning.montecarlo import MonteCarlo, forecast, run_population
     from tuning.population_figures import draw_population
@@ -107,6 +114,8 @@ def montecarlo(
         foreseen = forecast(run)
         if sensitivity:
             foreseen["run_time"] *= 1.0 + len(design.chunks) / len(run.chunks)
+        seconds = foreseen["compile_time"] + foreseen["run_time"]
+        require(replace(asked[0], memory=foreseen["memory"], seconds=seconds))
         emit(
             foreseen,
             as_json=as_json,

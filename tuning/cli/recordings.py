@@ -45,8 +45,12 @@ def simulate(
     own = with_seed(settings, seed)
     loaded = load_study(study, own, unused=("sweep", "tune"))
     table_suffix(output)
+    from tuning.limits import require
+    from tuning.needs import of_recording, require_drawable
     from tuning.runtime import start_jax
 
+    require(of_recording(loaded, str(study)))
+    require_drawable(loaded, scenario + 1, "--scenario")
     start_jax()
     from tuning.figures import draw_recording, draw_swing, save
     from tuning.logs.files import write_table
@@ -137,15 +141,20 @@ def estimate(
         chosen[column] = value
     loaded = load_config(config, settings, unused=("sweep", "tune"))
     table_suffix(output)
+    from tuning.limits import require
+    from tuning.needs import of_fit
+
     if not isinstance(loaded, Config):
         raise input_error(
             f"{config}: kind", f"got {loaded.kind!r}, which estimates nothing", "name an estimator's study"
         )
+    require(of_fit(loaded.estimator, str(config)))
     table = read_recording(recording, map_path, kind=loaded.kind, select=chosen or None)
     _require_signals(loaded, table)
     _require_regular_clock(loaded, table)
     from tuning.runtime import start_jax
 
+    require(of_fit(loaded.estimator, str(config), samples=len(table.columns["time"])))
     start_jax()
     from tuning.figures import draw_estimate, save
     from tuning.logs.files import write_table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,9 @@ from tuning.cli.options import (
     STUDY,
     emit,
     executor_for,
+    machines_of,
+    needs_of_workers,
+    refuse_given,
     table,
     with_executor,
     with_seed,
@@ -30,6 +34,14 @@ if TYPE_CHECKING:
     from tuning.tune import Tuned
 
 _BLACK_BOX = ("tpe", "cmaes", "pareto")
+_TRIALS, _GRADIENT = ("trials", "batch"), ("algorithm", "starts", "budget")
+_USELESS = {
+    "gradient": ("of tpe, cmaes and pareto", _TRIALS),
+    "hybrid": ("of another method", (*_TRIALS, "budget")),
+    "grid": ("of another method", (*_TRIALS, *_GRADIENT)),
+    **dict.fromkeys(_BLACK_BOX, ("of gradient and hybrid", _GRADIENT)),
+}
+"""By method: the options that it has no use for, and whose they are."""
 
 
 @click.command(epilog="Example: vsajax sweep study.toml -o runs/s --grid estimator.fit.prior_scale=log(1e-3,10,8)")
@@ -72,15 +84,24 @@ def sweep(
 
     loaded = load_study(study, with_seed(settings, seed))
     loaded = with_grid(loaded, grids, scenarios)
+    if dry_run:
+        refuse_given("does not go with --dry-run, which goes on with nothing", "resume")
     where = executor_for(executor, workers, scheduler, folder)
+    from tuning.limits import require
+    from tuning.needs import of_base, of_sweep
     from tuning.runtime import start_jax
 
+    place = "--grid" if grids else f"{study}: sweep.grid"
+    asked = of_sweep(loaded, place, machines=machines_of(executor, workers, scheduler))
+    require(*of_base(loaded, str(study)), asked, *needs_of_workers(executor, workers))
     start_jax()
     from tuning.sweep import plan_sweep, rank, write_winner
 
     planned = plan_sweep(loaded, str(study))
     if dry_run:
-        _print_forecast(planned.forecast(), as_json=as_json, quiet=quiet)
+        foreseen = planned.forecast()
+        require(replace(asked, memory=foreseen.memory, seconds=foreseen.compile_time + foreseen.run_time))
+        _print_forecast(foreseen, as_json=as_json, quiet=quiet)
         return
     store = planned.open(folder, resume=resume)
     results = planned.run(store, where, quiet=quiet)
@@ -185,11 +206,22 @@ def tune(
 
         if method != "gradient" or resume:
             raise click.UsageError("a study with a [recording] is tuned by --method gradient, without --resume")
+        refuse_given("does not go with a study that has a [recording]", "algorithm", "trials", "batch")
         tune_log(study, with_seed(own, seed), folder, as_json=as_json, quiet=quiet)
         return
+    refuse_given(f"does not go with --method {method}: it is {_USELESS[method][0]}", *_USELESS[method][1])
     loaded = load_study(study, with_seed(own, seed))
+    from tuning.limits import require
+    from tuning.needs import of_base, of_gradient, of_grid_search, of_held_out, of_trials
     from tuning.runtime import start_jax
 
+    if method in _BLACK_BOX:
+        asked = of_trials(loaded, trials, batch, "--trials and --batch")
+    elif method == "gradient":
+        asked = of_gradient(loaded, f"{study}: tune")
+    else:
+        asked = of_grid_search(loaded, f"{study}: tune.parameters", refines=method == "hybrid")
+    require(*of_base(loaded, str(study)), asked, of_held_out(loaded, 2, f"{study}: scenarios.held_out"))
     start_jax()
     if method in _BLACK_BOX:
         from tuning.blackbox import explore, plan_blackbox
