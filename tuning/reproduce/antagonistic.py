@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from tuning.integration import choose_substeps, try_substeps
@@ -28,6 +29,10 @@ _SUBSTEPS = 256
 _SEED = 20240601
 """Of the reference's noise, one draw for every scenario."""
 _OWN_DRAWS = 64
+_JUDGED_FROM = 2.0
+"""By the scorer [s]."""
+_SHARPEST = 1e16
+"""The largest round P(0) of which enough digits are left to tell it from no prior, see `rounding_limit`."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +171,18 @@ def reproduce(folder: Path | None) -> Report:
         from tuning.reproduce.antagonistic_figures import draw
 
         figures = draw(folder)
-    return Report(_TITLE, rows, figures)
+    return Report(_TITLE, rows, figures, _findings())
+
+
+def _findings() -> list[str]:
+    found = []
+    for setting in (R1, R2):
+        scores = _scores(algebraic(1e20), setting, np.zeros((5, 1)), 0.0, 0.0)
+        found.append(
+            f"{setting.name} at P(0) = 1e20, product integration: MSE {float(scores.mse_settled):.2g} (N·m/rad)² "
+            "on this processor; not judged, for P keeps no digit of 1e20 and does not stay positive definite"
+        )
+    return found
 
 
 def _close(name: str, measured: float, reference: float, unit: str, relative: float, note: str = "") -> Row:
@@ -216,9 +232,12 @@ def _noise_free_rows() -> list[Row]:
             for j, (a, r) in enumerate(zip(found, coefficients, strict=True))
         ]
     for setting in (R1, R2):
-        scores = _scores(algebraic(1e20), setting, silence, 0.0, 0.0)
-        name = f"{setting.name} sample weight, P(0) = 1e20, product integration: MSE"
-        rows.append(Row(name, None, float(scores.mse_settled), "(N·m/rad)²", 0.0, 1e-15))
+        observer = algebraic(_SHARPEST)
+        scores = _scores(observer, setting, silence, 0.0, 0.0)
+        limit = rounding_limit(observer, record(truth_of(setting), silence, 0.0, 0.0))
+        name = f"{setting.name} sample weight, P(0) = {_SHARPEST:g}, product integration: MSE"
+        note = "allowed: n samples · d features · 2⁻⁵² · condition, and the pull of P(0); see `worst_errors`"
+        rows.append(Row(name, None, float(scores.mse_settled), "(N·m/rad)²", 0.0, limit, note))
     for weighting, mse, msrep in (
         (CONTINUOUS, 37.44261117828417, 9.079114953464076),
         (SAMPLED, 1.2844149644793685, 0.31127738892650025),
@@ -226,6 +245,78 @@ def _noise_free_rows() -> list[Row]:
         name = f"X1 order 10, {weighting['weighting']} weight, P(0) = 1e7"
         rows += _score_rows(name, algebraic(1e7, order=10, **weighting), X1, silence, mse, msrep)
     return [*rows, *_conditioning_rows()]
+
+
+def rounding_limit(estimator: es.AntagonisticPair, recording: Recording) -> float:
+    """Return the mean squared error that rounding and the prior may cause where the data fit the model exactly.
+
+    Args:
+        estimator: a pair of algebraic observers.
+        recording: without noise.
+
+    Returns:
+        The limit from 2 s on [(N·m/rad)²].
+
+    Raises:
+        ValueError: rounding has no limit, as in `worst_errors`.
+    """
+    prepared = estimator.offline(recording.samples())
+    final = rollout.scan(prepared.step, prepared.state, prepared.inputs)[0]
+    judged = np.asarray(recording.time) >= _JUDGED_FROM
+    total = np.zeros(())
+    for side, state, rows, number in zip(estimator.both, final, prepared.inputs, (1, 2), strict=True):
+        assert isinstance(side, es.AlgebraicObserver)
+        sample = recording.samples().side(number)
+        deflection = sample.read("link_position") - sample.read("motor_position")
+        slopes = jax.vmap(side.basis)(jnp.zeros_like(deflection), deflection)[1]
+        features = np.asarray(rows.share)[:, None] * np.stack([np.asarray(f) for f in rows.features], axis=1)
+        found = worst_errors(
+            features, np.asarray(state.fit.coefficients), np.asarray(slopes), float(side.fit.prior_scale)
+        )
+        total = total + found[judged]
+    return float(np.mean(total**2))
+
+
+def worst_errors(features: np.ndarray, coefficients: np.ndarray, slopes: np.ndarray, prior: float) -> np.ndarray:
+    """Return by how much recursive least squares in double precision may be off on data that fit exactly.
+
+    After n samples of d features with S = Σ F Fᵀ and D = diag(S)^½, the coefficients D η are off by at most
+    n d ε κ of their size: ε = 2⁻⁵², κ the condition of D⁻¹ S D⁻¹ (Higham, Accuracy and Stability of Numerical
+    Algorithms, 2nd ed., §§ 3.1, 7.3, 20.4). The prior pulls η by (I + P(0) S)⁻¹ η. P is subtracted from P(0) and
+    keeps an error of d ε P(0), which must be below its smallest eigenvalue, 1/λ_max(S): by their ratio the pull is
+    uncertain, and where it reaches 1, P does not stay positive definite. No processor and no order of additions is
+    worse.
+
+    Args:
+        features: F, `(time, d)`.
+        coefficients: η, `(d,)`.
+        slopes: what η is multiplied by at each sample, `(time, d)`.
+        prior: P(0).
+
+    Returns:
+        `(time,)`; infinite until S is regular.
+
+    Raises:
+        ValueError: P does not stay positive definite: nothing bounds the error.
+    """
+    size, epsilon = features.shape[1], float(np.finfo(float).eps)
+    squares = np.cumsum(features[:, :, None] * features[:, None, :], axis=0)
+    largest = np.linalg.eigvalsh(squares[-1])[-1]
+    blurred = size * epsilon * prior * largest
+    if not blurred < 1.0:
+        raise ValueError(f"P(0) = {prior:g} leaves no digit of a covariance of {1.0 / largest:.2g}")
+    scale = np.sqrt(np.einsum("nii->ni", squares))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    lowest, *_, highest = np.linalg.eigvalsh(squares / (scale[:, :, None] * scale[:, None, :])).T
+    count = np.cumsum(np.any(features != 0.0, axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = count * size * epsilon * highest / np.maximum(lowest, 0.0)
+    reach = np.linalg.norm(slopes / scale, axis=1) * np.linalg.norm(scale * coefficients, axis=1)
+    held = np.broadcast_to(coefficients, slopes.shape)[:, :, None]
+    pulled = np.linalg.solve(np.eye(size) + prior * squares, held)[:, :, 0]
+    return np.where(lowest > 0.0, reach * relative, np.inf) + np.abs(np.sum(slopes * pulled, axis=1)) / (
+        1.0 - blurred
+    )
 
 
 def _conditioning_rows() -> list[Row]:

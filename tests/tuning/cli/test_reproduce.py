@@ -49,7 +49,7 @@ def test_the_serial_paper_is_reproduced_with_its_figures(vsajax, tmp_path):
                 "arm, law",
                 "believed 1.6 times",
             ),
-            ["fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "opti", "slew", "coni", "esti"],
+            ["fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "opti", "slew", "coni", "esti", "anta"],
         ),
         ("duel", ("R1: tuned residual over tuned algebraic", "R2, 1 mrad"), ["duel"]),
     ],
