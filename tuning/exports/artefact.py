@@ -39,12 +39,19 @@ class Artefact:
         check: the module of `checks` that checks them.
         usage: how to use them: Markdown.
         figures: numbers for the manifest.
+        helpers: further modules of `checks` that the check imports.
     """
 
     files: dict[str, str | bytes]
     check: str
     usage: str
     figures: dict[str, Any] = field(default_factory=dict)
+    helpers: tuple[str, ...] = ()
+
+    @property
+    def scripts(self) -> dict[str, str]:
+        """The check that travels with them: file names, and the modules of `checks` that they are."""
+        return {"check.py": self.check, **{f"{name}.py": name for name in ("checking", *self.helpers)}}
 
 
 Writer = Callable[[Subject], Artefact]

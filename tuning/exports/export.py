@@ -95,8 +95,8 @@ def _write(folder: Path, artefact: Artefact, subject: Subject, manifest: dict[st
     texts: dict[str, str | bytes] = dict(artefact.files)
     texts["golden.csv"] = subject.golden.csv()
     texts["README.md"] = readme_of(subject, artefact, manifest, [])
-    texts["check.py"] = (_CHECKS / f"{artefact.check}.py").read_text(encoding="utf-8")
-    texts["checking.py"] = (_CHECKS / "checking.py").read_text(encoding="utf-8")
+    for name, module in artefact.scripts.items():
+        texts[name] = (_CHECKS / f"{module}.py").read_text(encoding="utf-8")
     texts["manifest.json"] = _json(manifest)
     for name, contents in texts.items():
         if isinstance(contents, bytes):

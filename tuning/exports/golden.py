@@ -41,6 +41,21 @@ class Golden:
     outputs: Columns
     rounding: dict[str, float]
 
+    @property
+    def step(self) -> float | None:
+        """The time between samples [s]; None where it varies."""
+        count = len(self.time) - 1
+        if count < 1:
+            return None
+        mean = float(f"{(self.time[-1] - self.time[0]) / count:.12g}")
+        expected = self.time[0] + mean * np.arange(count + 1)
+        return mean if mean > 0.0 and np.abs(self.time - expected).max() <= 1e-9 * mean else None
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether every input is a number at every sample."""
+        return all(np.isfinite(values).all() for values in self.inputs.values())
+
     def table(self) -> Columns:
         """Return all columns in the order of the file."""
         return {

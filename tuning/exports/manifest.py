@@ -10,8 +10,8 @@ from tuning.exports.layout import Leaf, dotted
 from tuning.exports.program import Slot
 from tuning.store import versions
 
-SHIPPED = ["golden.csv", "README.md", "check.py", "checking.py"]
-"""What lies beside every artefact."""
+SHIPPED = ["golden.csv", "README.md"]
+"""What lies beside every artefact, with its check."""
 
 
 def manifest_of(subject: Subject, target: str, source: Path, artefact: Artefact) -> dict[str, Any]:
@@ -23,7 +23,7 @@ def manifest_of(subject: Subject, target: str, source: Path, artefact: Artefact)
         "name": program.name,
         "what": deployable.noun,
         "files": list(artefact.files),
-        "shipped": SHIPPED,
+        "shipped": [*SHIPPED, *artefact.scripts],
         "source": source.name,
         "kind": config.kind,
         "study_hash": subject.identity,

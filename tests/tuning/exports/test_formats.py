@@ -74,7 +74,7 @@ def test_a_pair_with_the_outputs_of_both_sides_passes_the_quick_check_of_its_c(v
     exported(vsajax, "c99", tmp_path, "--duration", "0.1", config=RESIDUAL_PAIR, options=())
     ended = subprocess.run([sys.executable, "check.py", "--quick"], cwd=tmp_path, capture_output=True, text=True)
     assert ended.returncode == 0, ended
-    assert [line.split()[0] for line in ended.stdout.splitlines()] == ["passed", "passed"]
+    assert {line.split()[0] for line in ended.stdout.splitlines()} == {"passed"}
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from tuning.errors import input_error
@@ -22,6 +23,7 @@ from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.c99.files import member, write
 from tuning.exports.c99.generate import generate
 from tuning.exports.c99.printing import decimal
+from tuning.exports.checks.fmi_example import example
 from tuning.exports.flatten import Untraceable
 from tuning.exports.layout import dotted
 from tuning.exports.program import Slot
@@ -46,16 +48,17 @@ _FLAGS = [
     "-fvisibility=hidden",
 ]
 _USAGE = """```python
-from fmpy import simulate_fmu
-
-# signals: a structured array with the fields "time" and the inputs
-result = simulate_fmu("{name}.fmu", input=signals, step_size={step})
-```
+{example}```
 
 Co-simulation. The sample at the beginning of a communication step is processed by it, with the time since the
-beginning of the step before as dt: outputs at time t are the answers to the sample one step earlier. Steps may be
-irregular{regular}. The parameters are tunable: changed between steps, they keep the state. The binary is for
-{platform}; the sources are inside (`fmpy compile {name}.fmu`, or any C99 compiler)."""
+beginning of the step before as dt: outputs at time t are the answers to the sample one step earlier. Before the
+first step they are those at rest, and nothing is known. {steps} The parameters are tunable: changed between steps,
+they keep the state. What is refused ends with an error, and the master's logger is told why (category
+`logStatusError`). The binary is for {platform}; the sources are inside (`fmpy compile {name}.fmu`, or any C99
+compiler)."""
+_ONLY = "this FMU is for co-simulation only"
+_ANY_STEPS = "Steps may be irregular, and must follow one another."
+_EQUAL_STEPS = "Every step must be of {step} s: this {noun} counts samples, and refuses any other step."
 
 
 def write_fmi(subject: Subject, version: int) -> Artefact:
@@ -69,7 +72,9 @@ def write_fmi(subject: Subject, version: int) -> Artefact:
     token = "{" + str(uuid.uuid5(uuid.NAMESPACE_OID, f"{subject.identity} {program.name} fmi{version}")) + "}"
     source = write(program, generate(program), banner=subject.banner)
     variables = _variables(subject)
-    step = subject.deployable.sample_time
+    golden, deployable = subject.golden, subject.deployable
+    sample_time = deployable.sample_time if deployable.needs_regular_clock else None
+    fixed_step = None if sample_time is None else decimal(sample_time)
     values: dict[str, Any] = {
         "name": program.name,
         "title": program.title,
@@ -78,15 +83,18 @@ def write_fmi(subject: Subject, version: int) -> Artefact:
         "variables": variables,
         "has_clock": "dt" in program.inputs.names,
         "units": {v["unit"]: base_units(v["unit"]) for v in variables if v["unit"]},
-        "start": decimal(float(subject.golden.time[0])),
-        "stop": decimal(float(subject.golden.time[-1])),
-        "step": None if step is None else decimal(step),
+        "start": decimal(float(golden.time[0])),
+        "stop": decimal(float(golden.time[-1])),
+        "step": None if golden.step is None else decimal(golden.step),
+        "fixed_step": fixed_step,
+        "noun": deployable.noun,
+        "is_guarded": bool(program.guarded),
         "sources": [f"{program.name}.c", f"fmi{version}.c", "unsupported.c"],
     }
     sources = {f"{program.name}.h": source.header, f"{program.name}.c": source.source}
     sources |= {name: render(name, **values) for name in ("instance.h", f"fmi{version}.c")}
     sources |= _headers(version)
-    sources["unsupported.c"] = _unsupported(version, sources)
+    sources["unsupported.c"] = _unsupported(program.name, version, sources)
     binary = _build(program.name, sources, values["sources"])
     files: dict[str, str | bytes] = {
         "modelDescription.xml": render(f"fmi{version}.xml", **values),
@@ -95,26 +103,31 @@ def write_fmi(subject: Subject, version: int) -> Artefact:
     }
     if version == 3:
         files["sources/buildDescription.xml"] = render("buildDescription.xml", **values)
+    file = f"{program.name}.fmu"
+    # simulate_fmu interpolates its input, and what is no number spoils its neighbours.
+    replayed = {
+        "step": golden.step if golden.is_finite else None,
+        "last": float(sample_time or golden.step or np.diff(golden.time)[-1]),
+    }
     usage = _USAGE.format(
         name=program.name,
-        step=step or "0.001",
         platform=_platform(version),
-        regular=f", though this {subject.deployable.noun} takes its own sample time only"
-        if subject.deployable.needs_regular_clock
-        else "",
+        example=example(file, version, **replayed),
+        steps=_ANY_STEPS if fixed_step is None else _EQUAL_STEPS.format(step=fixed_step, noun=deployable.noun),
     )
-    return Artefact(
-        {f"{program.name}.fmu": _zipped(files)}, "fmi", usage, {"fmi": {"version": version, "token": token}}
-    )
+    figures = {"fmi": {"version": version, "token": token, **replayed}}
+    return Artefact({file: _zipped(files)}, "fmi", usage, figures, helpers=("fmi_example",))
 
 
 def _variables(subject: Subject) -> list[dict[str, Any]]:
     """Return inputs, outputs, parameters and time, each number a variable; their order is their reference."""
     program = subject.program
-    rows = [
-        *_rows(program.inputs, "in", "INPUT", "", start=lambda _: 0.0),
-        *_rows(program.outputs, "out", "OUTPUT", "out.", start=lambda _: None),
-    ]
+    starts = dict(zip(program.inputs.names, jax.tree.leaves(program.inputs.tree), strict=True))
+    rows = []
+    for path, leaf in program.inputs.places:
+        one, value = Slot(program.inputs.layout, [(path, leaf)], None), np.asarray(starts[dotted(path)], float)
+        rows += _rows(one, "in", "INPUT", "", start=lambda index, value=value: float(value[index]))
+    rows += _rows(program.outputs, "out", "OUTPUT", "out.", start=lambda _: None)
     for (path, leaf), value in zip(program.parameters.places, program.defaults, strict=True):
         limits = subject.deployable.range(path)
         one = Slot(program.parameters.layout, [(path, leaf)], None)
@@ -162,21 +175,30 @@ def _headers(version: int) -> dict[str, str]:
     return {name: (folder / name).read_text(encoding="utf-8") for name in _HEADERS[version]}
 
 
-def _unsupported(version: int, sources: dict[str, str]) -> str:
-    """Return functions that refuse, for all that the standard names and this FMU does not do."""
+def _unsupported(name: str, version: int, sources: dict[str, str]) -> str:
+    """Return functions that refuse, and say so, for all that the standard names and this FMU does not do."""
     text = sources[_HEADERS[version][1]]
     types = re.findall(r"typedef\s+([\w\s]+\*?)\s*\b(fmi\dW?\w+)TYPE\s*\(([^;]*)\);", text.replace("\n", " "))
     own = sources[f"fmi{version}.c"]
-    lines = [f'/* What this FMU does not offer. */\n#include "{_HEADERS[version][0]}"\n']
+    kind = {2: "fmi2Component", 3: "fmi3Instance"}[version]
+    lines = [
+        f'/* What this FMU does not offer. */\n#include "{_HEADERS[version][0]}"\n\n#include <stddef.h>\n',
+        f"fmi{version}Status {name}_unsupported({kind} instance, const char *function);\n",
+    ]
     wanted = set(re.findall(rf"\b(fmi{version}\w+?);", sources[_HEADERS[version][0]]))
-    for result, name, arguments in types:
-        if name not in wanted or re.search(rf"\b{name}\(", own):
+    for result, function, arguments in types:
+        if function not in wanted or re.search(rf"\b{function}\(", own):
             continue
         named = [re.findall(r"\w+", argument.partition("[")[0])[-1] for argument in arguments.split(",")]
-        unused = " ".join(f"(void){one};" for one in named if one != "void")
-        answer = f"fmi{version}Error" if "Status" in result else "NULL"
-        ending = "" if result.strip() == "void" else f" return {answer};"
-        lines.append(f"{result.strip()} {name}({' '.join(arguments.split())})\n{{\n    {unused}{ending}\n}}\n")
+        body = [f"(void){one};" for one in named]
+        if "Status" in result:
+            body.append(f'return {name}_unsupported({named[0]}, "{function}");')
+        else:
+            told = f'logMessage(instanceEnvironment, fmi3Error, "logStatusError", "{function}: {_ONLY}");'
+            body.append(f"if (logMessage != NULL) {{ {told} }}")
+            body.append("return NULL;")
+        inside = "\n    ".join(body)
+        lines.append(f"{result.strip()} {function}({' '.join(arguments.split())})\n{{\n    {inside}\n}}\n")
     return "\n".join(lines)
 
 
