@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
+import unicodedata
 from dataclasses import dataclass
+
+_UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Categories of characters that steer a terminal, turn text around or break lines: they are named, not sent."""
+
+
+def printable(text: str) -> str:
+    r"""Return text on one line that a terminal shows and does not obey, e.g. ``\x1b`` for an escape."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(
+        letter.encode("unicode_escape").decode() if unicodedata.category(letter) in _UNSEEN else letter
+        for letter in text
+    )
 
 
 @dataclass(frozen=True)
@@ -20,8 +34,8 @@ class Mistake:
     fix: str = ""
 
     def __str__(self) -> str:
-        text = f"{self.place}: {self.problem}"
-        return f"{text}\n    fix: {self.fix}" if self.fix else text
+        text = printable(f"{self.place}: {self.problem}")
+        return f"{text}\n    fix: {printable(self.fix)}" if self.fix else text
 
 
 class InputError(ValueError):

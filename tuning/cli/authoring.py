@@ -71,7 +71,7 @@ def _list_shipped(*, as_json: bool, quiet: bool) -> None:
 def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bool) -> None:
     from dataclasses import asdict
 
-    from tuning.errors import input_error
+    from tuning.errors import input_error, printable
     from tuning.logs.guess import propose, to_map
     from tuning.store import write_text
 
@@ -82,9 +82,13 @@ def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bo
         raise input_error(target, "exists already", "name another file with -o, or remove it first")
     proposal = propose(log)
     write_text(target, to_map(proposal, log))
-    said = [f"clock            {proposal.clock[0]}: {proposal.clock[2]}"]
-    said += [f"select           {proposal.select[2]}"] if proposal.select else []
-    said += [f"{guess.name:<16} {guess.column}: {'; '.join(guess.reasons)}" for guess in proposal.guesses]
+    said = [f"note: {printable(note)}" for note in proposal.notes]
+    said += [f"clock            {printable(proposal.clock[0])}: {printable(proposal.clock[2])}"]
+    said += [f"select           {printable(proposal.select[2])}"] if proposal.select else []
+    said += [
+        f"{guess.name:<16} {printable(guess.column)}: {printable('; '.join(guess.reasons))}"
+        for guess in proposal.guesses
+    ]
     said += [f"MISSING          {need}, which kind {proposal.kind!r} needs" for need in proposal.lacking]
     said.append(f"wrote {target}: guesses all, check them; then vsajax estimate {log} --map {target} -c CONFIG")
     emit(

@@ -11,6 +11,7 @@ import click
 from click.core import ParameterSource
 
 from tuning.cli.following import Following, sentence
+from tuning.errors import printable
 
 if TYPE_CHECKING:
     from tuning.executors import Executor
@@ -153,9 +154,14 @@ def emit(
     if as_json:
         click.echo(json.dumps(_plain(result), indent=2, allow_nan=False))
     elif not quiet:
-        click.echo(text if isinstance(text, str) else text())
         line = sentence(following if isinstance(following, list) else following())
-        click.echo(f"# {line}" if comment else line)
+        lines = (text if isinstance(text, str) else text()).split("\n")
+        click.echo("\n".join(map(_without_escapes, [*lines, f"# {line}" if comment else line])))
+
+
+def _without_escapes(line: str) -> str:
+    """Return a line without what a terminal would obey; tabs stay."""
+    return "\t".join(map(printable, line.split("\t")))
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

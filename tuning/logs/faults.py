@@ -12,7 +12,15 @@ import numpy as np
 from tuning.logs.files import LogFile
 from tuning.logs.signal_map import Angle, SignalMap
 
-FaultName = Literal["wrapped encoder", "degrees for radians", "swapped sign", "out of range", "frozen signal"]
+FaultName = Literal[
+    "wrapped encoder",
+    "degrees for radians",
+    "swapped sign",
+    "out of range",
+    "frozen signal",
+    "clock set",
+    "coarse clock",
+]
 
 _DEGREE = math.pi / 180.0
 _WIDEST_DEFLECTION = 1.5

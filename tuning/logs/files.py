@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import difflib
-import itertools
+import io
 import math
 import os
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -17,6 +19,8 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
 from tuning.errors import InputError, Mistake, input_error
+from tuning.logs.layout import AS_FOUND, FileFormat, Layout, lay_out
+from tuning.logs.numerals import bad_numbers, grouping_of, to_dates, to_numbers, trimmed
 
 SUFFIXES = (".csv", ".parquet")
 _RAGGED_LINES_SHOWN = 5
@@ -31,12 +35,22 @@ class LogFile:
         names: of the columns, in order; without the blanks around them.
         table: the columns.
         clock: the column of time stamps, where the format says which that is.
+        notes: sentences on what was found in the file and not told.
+        keys: what was found, as keys of a map's `[file]` table.
+        units: of columns, as a line of the file says them.
+        lines: of the file (from 1), on which the rows begin; `None` where rows are no lines.
+        decimal: mark of numbers that are text.
     """
 
     path: Path
     names: tuple[str, ...]
     table: pa.Table
     clock: str | None = None
+    notes: tuple[str, ...] = ()
+    keys: Mapping[str, Any] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    lines: np.ndarray | None = None
+    decimal: str = "."
 
     def column(self, name: str) -> pa.ChunkedArray:
         """Return the first column of this name."""
@@ -44,9 +58,24 @@ class LogFile:
         return column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
 
     def place(self, row: int) -> str:
-        """Return where a user finds a row (from 0): a line of a CSV, a row (from 1) of a Parquet file."""
-        is_csv = self.path.suffix.lower() == ".csv"
-        return f"line {_line_of(self.path, row)}" if is_csv else f"row {row + 1}"
+        """Return where a user finds a row (from 0): a line of a text file, a row (from 1) of any other."""
+        return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
+
+    def holds_dates(self, name: str) -> bool:
+        """Return whether a column holds dates, times of day or durations, which `numbers` gives in ns."""
+        return pa.types.is_temporal(self.column(name).type)
+
+    def is_duration(self, name: str) -> bool:
+        """Return whether a column holds durations or times of day, whose zero is no date."""
+        held = self.column(name).type
+        return pa.types.is_duration(held) or pa.types.is_time(held)
+
+    def type_of(self, name: str) -> str:
+        """Return what a column holds, in words."""
+        held = self.column(name).type
+        if pa.types.is_timestamp(held) or pa.types.is_date(held):
+            return "dates"
+        return "durations" if pa.types.is_temporal(held) else str(held)
 
     def nearest(self, name: str) -> str | None:
         """Return the column whose name is most like `name`, capitals apart, if any is."""
@@ -57,19 +86,23 @@ class LogFile:
     def numbers(self, name: str, rows: np.ndarray) -> np.ndarray:
         """Return a column at `rows` as finite numbers: int64 where the file holds integers, else float64.
 
+        Dates are int64 in ns since 1970, times of day since midnight, durations since whatever they count from.
+
         Raises:
             InputError: cells are not numbers, empty, NaN or infinite; names the first.
         """
         column = self.column(name).take(pa.array(rows))
         held = column.type
+        if pa.types.is_temporal(held):
+            return self._nanoseconds(name, column, rows)
         if pa.types.is_integer(held) and column.null_count == 0:
             return column.to_numpy().astype(np.int64)
         if pa.types.is_integer(held) or pa.types.is_floating(held) or pa.types.is_decimal(held):
             values = column.cast(pa.float64(), safe=False).to_numpy()
         elif pa.types.is_null(held):
             values = np.full(len(rows), np.nan)
-        elif pa.types.is_string(held) or pa.types.is_large_string(held) or pa.types.is_binary(held):
-            values = self._parse(name, column.to_pylist(), rows)
+        elif pa.types.is_string(held) or pa.types.is_large_string(held):
+            values = self._parse(name, column, rows)
         else:
             raise input_error(
                 self.path, f"column {name!r} holds {held} values, not numbers", "write it as numbers"
@@ -80,16 +113,30 @@ class LogFile:
             raise self._bad_cells(name, got, "a finite number", rows[lost])
         return values
 
-    def _parse(self, name: str, cells: list[str | bytes | None], rows: np.ndarray) -> np.ndarray:
-        values, bad = np.full(len(cells), np.nan), []
-        for i, cell in enumerate(cells):
-            try:
-                values[i] = math.nan if cell is None else float(cell)
-            except ValueError:
-                bad.append(i)
-        if bad:
-            raise self._bad_cells(name, repr(cells[bad[0]]), "a number", rows[bad])
-        return values
+    def _nanoseconds(self, name: str, column: pa.ChunkedArray, rows: np.ndarray) -> np.ndarray:
+        if column.null_count:
+            lost = np.flatnonzero(column.is_null().to_numpy().astype(bool))
+            raise self._bad_cells(name, "no value", "a date or time", rows[lost])
+        held = column.type
+        try:
+            if pa.types.is_duration(held):
+                stamps = column.cast(pa.duration("ns")).cast(pa.int64())
+            elif pa.types.is_time(held):
+                stamps = column.cast(pa.time64("ns")).cast(pa.int64())
+            else:
+                stamps = column.cast(pa.timestamp("ns", getattr(held, "tz", None))).cast(pa.int64())
+        except pa.ArrowInvalid:
+            raise input_error(
+                self.path, f"column {name!r} holds {held} that 64 bits of ns cannot", "are its dates right?"
+            ) from None
+        return stamps.to_numpy()
+
+    def _parse(self, name: str, column: pa.ChunkedArray, rows: np.ndarray) -> np.ndarray:
+        cells = trimmed(column)
+        bad = bad_numbers(cells, self.decimal)
+        if bad.size:
+            raise self._bad_cells(name, repr(column[int(bad[0])].as_py()), "a number", rows[bad])
+        return to_numbers(cells, self.decimal).cast(pa.float64()).to_numpy()
 
     def _bad_cells(self, name: str, got: str, wanted: str, rows: np.ndarray) -> InputError:
         more = f" ({rows.size} such rows in all)" if rows.size > 1 else ""
@@ -100,36 +147,45 @@ class LogFile:
         )
 
 
-def read_log_file(path: Path) -> LogFile:
-    """Return the columns of a CSV (comma, one header row, UTF-8) or Parquet file.
+def read_log_file(path: Path, told: FileFormat = AS_FOUND) -> LogFile:
+    """Return the columns of a text (CSV) or Parquet file.
+
+    Args:
+        path: the file.
+        told: how a text file is laid out, as far as it is known; the rest is found, and said in the notes.
 
     Raises:
-        InputError: the file is missing, a directory, empty, unreadable, of another format, or ragged.
+        InputError: the file is missing, a directory, empty, unreadable, of another format, ragged, or can be read
+            in two ways.
     """
     try:
-        table = _read_table(path)
-        names = tuple(name.strip() for name in table.column_names)
-    except UnicodeDecodeError as error:
-        raise input_error(path, f"has a header that is not UTF-8 ({error.reason})", "save it as UTF-8") from None
+        log = _read(path, told)
     except pa.ArrowException as error:
         what = {".csv": "a CSV file", ".parquet": "a Parquet file"}[path.suffix.lower()]
         raise input_error(path, f"cannot be read as {what}: {error}", "was it cut short or misnamed?") from None
+    except csv.Error as error:
+        raise input_error(path, f"cannot be read as a CSV file: {error}", "is it one?") from None
     except OSError as error:
         reason = error.strerror or str(error)
         raise input_error(
             path, f"cannot be read ({reason})", "check its permissions and that it is whole"
         ) from None
-    if table.num_rows == 0:
+    if log.table.num_rows == 0:
         raise input_error(path, "has a header but no samples", "was the recording stopped before it was saved?")
-    return LogFile(path, names, table)
+    return log
 
 
-def _read_table(path: Path) -> pa.Table:
+def _read(path: Path, told: FileFormat) -> LogFile:
     if path.is_dir():
         raise input_error(path, "is a directory", "name a file in it")
     suffix = table_suffix(path)
     check_readable(path)
-    return _read_csv(path) if suffix == ".csv" else pa_parquet.ParquetFile(path).read()
+    if suffix == ".csv":
+        layout = lay_out(path, told)
+        return _with_numbers(_from_text(path, layout), told, is_proven=layout.is_proven)
+    table = pa_parquet.ParquetFile(path).read()
+    log = LogFile(path, tuple(name.strip() for name in table.column_names), table)
+    return _with_numbers(log, told, is_proven=False)
 
 
 def check_readable(path: Path) -> None:
@@ -150,60 +206,107 @@ def table_suffix(path: Path) -> str:
     return suffix
 
 
-def _line_of(path: Path, row: int) -> int:
-    """Return the line (from 1) of a CSV that holds a row of data (from 0)."""
-    # The reader skips blank lines; an editor counts them.
-    with path.open("rb") as lines:
-        filled = (number for number, line in enumerate(lines, 1) if line.strip(b"\r\n"))
-        return next(itertools.islice(filled, row + 1, None))
+def _from_text(path: Path, layout: Layout) -> LogFile:
+    units = {n: u for n, u in zip(layout.names, layout.units or (), strict=False) if n and u}
+    table = _parse_rows(path, layout)
+    return LogFile(
+        path,
+        layout.names,
+        table,
+        notes=layout.notes,
+        keys=layout.keys,
+        units=units,
+        lines=layout.lines,
+        decimal=layout.decimal,
+    )
 
 
-def _is_text(path: Path) -> bool:
-    try:
-        path.read_bytes().decode("utf-8")
-    except UnicodeDecodeError:
-        return False
-    return True
-
-
-def _read_csv(path: Path) -> pa.Table:
+def _parse_rows(path: Path, layout: Layout) -> pa.Table:
     ragged: list[pa_csv.InvalidRow] = []
 
     def note_ragged(row: pa_csv.InvalidRow) -> str:
         ragged.append(row)
         return "skip"
 
-    try:
-        table = pa_csv.read_csv(
-            path,
-            # Rows are only numbered when one thread reads them.
-            read_options=pa_csv.ReadOptions(use_threads=False),
-            # The handler is handed text: of other bytes the parser itself must complain.
-            parse_options=pa_csv.ParseOptions(invalid_row_handler=note_ragged if _is_text(path) else None),
-        )
-    except pa.ArrowInvalid as error:
-        if "Empty CSV" in str(error):
-            raise input_error(path, "has no samples", "a header row and one row per sample are needed") from None
-        raise
-    separator = next((mark for mark in ";\t" if mark in table.column_names[0]), None)
-    if table.num_columns == 1 and separator:
-        raise input_error(
-            path, f"is separated by {separator!r}, not by commas", "save it with commas and decimal points"
-        )
+    # Names stay out: a file may have one twice.
+    names = [f"{number}" for number in range(len(layout.names))]
+    if not layout.rows:
+        return pa.table({name: pa.array([], pa.float64()) for name in names})
+    text = "\n".join(layout.rows)
+    # To Arrow 0x10 is a whole number.
+    as_text = dict.fromkeys(names, pa.string()) if "0x" in text or "0X" in text else None
+    table = pa_csv.read_csv(
+        io.BytesIO(text.encode()),
+        # Rows are only numbered when one thread reads them.
+        read_options=pa_csv.ReadOptions(use_threads=False, column_names=names),
+        parse_options=pa_csv.ParseOptions(
+            delimiter=layout.separator, newlines_in_values=layout.has_wide_rows, invalid_row_handler=note_ragged
+        ),
+        convert_options=pa_csv.ConvertOptions(decimal_point=layout.decimal, column_types=as_text),
+    )
     if ragged:
-        fix = "the header is the first line; every row needs as many cells, separated by commas"
-        mistakes = [
-            Mistake(
-                f"{path}: line {_line_of(path, row.number - 2)}",
-                f"has {row.actual_columns} cells where the header has {row.expected_columns}",
-                fix,
-            )
-            for row in ragged[:_RAGGED_LINES_SHOWN]
-        ]
-        if len(ragged) > _RAGGED_LINES_SHOWN:
-            mistakes.append(Mistake(str(path), f"{len(ragged)} lines in all are ragged"))
-        raise InputError(*mistakes)
+        raise _ragged(path, layout, ragged)
     return table
+
+
+def _ragged(path: Path, layout: Layout, ragged: list[pa_csv.InvalidRow]) -> InputError:
+    separated = {"\t": "tabs", ";": "semicolons", "|": "bars"}.get(layout.separator, "commas")
+    fix = f"the header is the first line; every row needs as many cells, separated by {separated}"
+    mistakes = [
+        Mistake(
+            f"{path}: line {layout.lines[row.number - 1]}",
+            f"has {row.actual_columns} cells where the header has {row.expected_columns}",
+            fix,
+        )
+        for row in ragged[:_RAGGED_LINES_SHOWN]
+    ]
+    if len(ragged) > _RAGGED_LINES_SHOWN:
+        mistakes.append(Mistake(str(path), f"{len(ragged)} lines in all are ragged"))
+    doubled = [2 * row.expected_columns == row.actual_columns for row in ragged]
+    if layout.separator == "," and all(doubled) and len(ragged) == len(layout.rows):
+        mistakes.append(
+            Mistake(
+                str(path), "has commas for decimal marks and between columns", "save it with semicolons between"
+            )
+        )
+    return InputError(*mistakes)
+
+
+def _with_numbers(log: LogFile, told: FileFormat, *, is_proven: bool) -> LogFile:
+    """Return a log whose columns of grouped digits or ISO 8601 dates, being text, are numbers and time stamps.
+
+    Args:
+        log: as the file has it.
+        told: how it is to be read.
+        is_proven: whether its decimal mark is sure.
+    """
+    columns, notes, keys = [], list(log.notes), dict(log.keys)
+    grouped: list[str] = []
+    for name, column in zip(log.names, log.table.columns, strict=True):
+        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+            cells = trimmed(column)
+            dates = to_dates(cells)
+            grouping = told.thousands or (grouping_of(cells, log.decimal) if dates is None else None)
+            if dates is not None:
+                column = dates
+            elif grouping and not bad_numbers(cells, log.decimal, grouping).size:
+                column = to_numbers(cells, log.decimal, grouping)
+                grouped += [name] if told.thousands is None else []
+                keys |= {"thousands": grouping} if told.thousands is None else {}
+        columns.append(column)
+    if grouped:
+        is_proven = is_proven or keys["thousands"] not in ".,"
+        if not is_proven and not any(pa.types.is_floating(column.type) for column in log.table.columns):
+            mark = keys["thousands"]
+            raise input_error(
+                f"{log.path}: column {grouped[0]!r}",
+                f"{mark!r} may group its digits or be its decimal mark, and no other cell tells which",
+                f'set thousands = "{mark}" or decimal = "{mark}" in [file] of a signal map',
+            )
+        notes.append(
+            f"digits grouped by {keys['thousands']!r} in {', '.join(map(repr, grouped))} (file.thousands)"
+        )
+    return replace(log, table=pa.table(columns, log.table.column_names), notes=tuple(notes), keys=keys)
 
 
 def write_table(path: Path, columns: Mapping[str, np.ndarray]) -> None:

@@ -12,6 +12,7 @@ import pyarrow as pa
 from tuning.errors import InputError, input_error
 from tuning.logs.files import SUFFIXES as TABLE_SUFFIXES
 from tuning.logs.files import LogFile, check_readable, read_log_file
+from tuning.logs.layout import AS_FOUND, FileFormat
 
 WIDEST = 64
 """Columns up to which a matrix counts as signals."""
@@ -29,10 +30,14 @@ _READERS = {
 SUFFIXES = (*TABLE_SUFFIXES, *_READERS)
 
 
-def read_streams(path: Path) -> list[LogFile]:
+def read_streams(path: Path, told: FileFormat = AS_FOUND) -> list[LogFile]:
     """Return the columns of a log, as one `LogFile` for those that share their rows.
 
     CSV and Parquet have one such group, MAT and HDF5 one for each length, a bag one for each topic.
+
+    Args:
+        path: the file, or the folder of a bag.
+        told: how a text file is laid out, as far as it is known.
 
     Raises:
         InputError: the file is missing, empty, unreadable, cut short, of an unknown format, or holds no numbers;
@@ -45,7 +50,7 @@ def read_streams(path: Path) -> list[LogFile]:
         if suffix not in TABLE_SUFFIXES and not path.is_dir():
             known = ", ".join(SUFFIXES)
             raise input_error(path, f"unknown suffix {suffix!r}; known are {known}", "convert it to one of them")
-        return [read_log_file(path)]
+        return [read_log_file(path, told)]
     if not path.is_dir():
         check_readable(path)
     try:

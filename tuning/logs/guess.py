@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tuning.errors import InputError, input_error
+from tuning.errors import InputError, input_error, printable
 from tuning.logs.faults import find_wraps
 from tuning.logs.files import LogFile
-from tuning.logs.signal_map import Angle, Kind, name_need, signals_of, unmet_needs
+from tuning.logs.signal_map import PER_SECOND, Angle, Kind, name_need, signals_of, unmet_needs
 from tuning.logs.streams import Log, open_log
+from tuning.logs.units import unit_named
 
 _TIME = r"^t_|^(t|time|times|timestamp|stamp|clock|elapsed|secs?|seconds|millis|micros)$|time|stamp"
 _NOT_MEASURED = r"cmd|command|desired|target|\bref|reference|vel|speed|accel|err|temp|pwm|covariance|orientation"
@@ -51,7 +53,15 @@ _UNITS: tuple[tuple[str, str], ...] = (
     (r"\bv\b|volt|\bvm\b", "V"),
 )
 _ANGLES, _ELECTRICAL = ("rad", "mrad", "deg", "rev", "counts"), ("A", "mA", "V", "mV")
-_CLOCKS = (("ns", r"ns\b|nano"), ("us", r"us\b|micro"), ("ms", r"ms\b|milli"), ("s", r"_s\b|sec"))
+_CLOCKS = (
+    ("ns", r"ns\b|nsecs?\b|nanos?\b|nanosec(?:ond)?s?\b"),
+    ("us", r"us\b|usecs?\b|micros?\b|microsec(?:ond)?s?\b"),
+    ("ms", r"ms\b|msecs?\b|millis?\b|millisec(?:ond)?s?\b"),
+    ("s", r"s\b|secs?\b|seconds?\b"),
+)
+"""Units of stamps as words of a column's name."""
+_PLAUSIBLE_STEPS = (1e-5, 2.0)
+"""Median steps of a joint's log [s]; a unit that a name seems to say and that makes another is none."""
 _LOOKED_AT = 20_000
 _MOST_RUNS = 10_000
 
@@ -92,19 +102,23 @@ class Proposal:
 
     Args:
         kind: of the joint.
-        clock: column, unit and reason.
+        clock: column, unit (`None` where its type is one) and reason.
         guesses: of the signals.
         select: column and value of one run, and why; `None` where the log is one.
         lacking: what the kind needs and no column fits.
         others: columns that nothing fits.
+        notes: what was found in the file and not told.
+        file: the same, as the `[file]` table.
     """
 
     kind: Kind
-    clock: tuple[str, str, str]
+    clock: tuple[str, str | None, str]
     guesses: tuple[Guess, ...]
     select: tuple[str, str | float, str] | None
     lacking: tuple[str, ...]
     others: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    file: Mapping[str, Any] = field(default_factory=dict)
 
 
 def propose(path: Path) -> Proposal:
@@ -133,9 +147,9 @@ def propose(path: Path) -> Proposal:
     lacking = tuple(name_need(need) for need in unmet_needs(kind, {guess.name for guess in guesses}))
     mapped = {clock[0], *(guess.column for guess in guesses)}
     select = _guess_selection(stream, clock[0])
-    return Proposal(
-        kind, clock, tuple(guesses), select, lacking, tuple(n for n in log.names if n and n not in mapped)
-    )
+    others = tuple(n for n in log.names if n and n not in mapped)
+    keys = {key: value for one in log.streams for key, value in one.keys.items()}
+    return Proposal(kind, clock, tuple(guesses), select, lacking, others, tuple(log.notes), keys)
 
 
 def _numbers(stream: LogFile) -> dict[str, np.ndarray]:
@@ -174,7 +188,7 @@ def _rises(values: np.ndarray) -> bool:
     return len(values) > 2 and bool(np.mean(np.diff(values) >= 0) > 0.99)
 
 
-def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tuple[str, str, str]]:
+def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tuple[str, str | None, str]]:
     named = [n for n in numbers if re.search(_TIME, _plain(n)) and _rises(numbers[n])]
     rising = [n for n in numbers if _rises(numbers[n]) and np.all(np.diff(numbers[n]) > 0)]
     own = [stream.clock for stream in log.streams if stream.clock]
@@ -183,22 +197,32 @@ def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tup
         raise input_error(log.path, "has no column that rises as a clock does", "write a signal map by hand")
     column = candidates[0]
     why = "its name, and it rises" if column in named or column in own else "it is the first column that rises"
-    unit, reason = _clock_unit(column, numbers[column])
-    return log.of(column), (column, unit, f"{why}; {reason}")
+    stream = log.of(column)
+    unit, reason = _clock_unit(column, numbers[column], stream)
+    return stream, (column, unit, f"{why}; {reason}")
 
 
-def _clock_unit(column: str, stamps: np.ndarray) -> tuple[str, str]:
-    for unit, pattern in _CLOCKS:
-        if re.search(_end_of_word(pattern), _plain(column)):
-            return unit, f"unit {unit} by its name"
-    if "stamp" in column and np.issubdtype(stamps.dtype, np.integer) and stamps[0] > 10**17:
-        return "ns", "nanoseconds since 1970 by its size"
+def _clock_unit(column: str, stamps: np.ndarray, stream: LogFile) -> tuple[str | None, str]:
+    """Return the unit of stamps, `None` where their type is one, and why."""
+    if stream.holds_dates(column):
+        return None, f"it holds {stream.type_of(column)}, which have a unit and a zero of their own"
     steps = np.diff(stamps.astype(float))
-    step = float(np.median(steps[steps > 0]))
-    unit = next(
-        (u for u, scale in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if step < 0.2 * scale), "ns"
-    )
-    return unit, f"unit {unit}, as it steps by {step:.4g}"
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    reason = ""
+    low, high = _PLAUSIBLE_STEPS
+    words = _plain(re.sub("(?<=[a-z])(?=[A-Z])", "_", column))
+    said = unit_named(stream.units.get(column, ""))
+    named = next((u for u, p in _CLOCKS if re.search(rf"(?<![a-z])(?:{_end_of_word(p)})", words)), None)
+    for unit, source in ((said, "the line of units"), (named, "its name")):
+        if unit not in PER_SECOND:
+            continue
+        if low <= step / PER_SECOND[unit] <= high:
+            return unit, f"unit {unit} by {source}"
+        reason = f"{source} says {unit}, which steps of {step:.4g} contradict; "
+    if "stamp" in column and np.issubdtype(stamps.dtype, np.integer) and stamps[0] > 10**17:
+        return "ns", f"{reason}nanoseconds since 1970 by its size"
+    unit = next((u for u, scale in PER_SECOND.items() if step < 0.2 * scale), "ns")
+    return unit, f"{reason}unit {unit}, as it steps by {step:.4g}"
 
 
 def _guess(name: str, column: str, values: np.ndarray, log: Log, main: LogFile, pattern: str) -> Guess:
@@ -210,8 +234,14 @@ def _guess(name: str, column: str, values: np.ndarray, log: Log, main: LogFile, 
     if name == "true_stiffness":
         allowed = ("N.m/rad",)
     named = (u for p, u in _UNITS if u in allowed and re.search(rf"(?<![a-z])(?:{_end_of_word(p)})", plain))
-    unit = next(named, None)
-    if unit is not None:
+    # A count is a whole number, whatever the name says.
+    is_whole = bool(np.all(values == np.round(values)))
+    unit = next((u for u in named if u != "counts" or is_whole), None)
+    said = log.of(column).units.get(column, "")
+    if unit_named(said) in allowed:
+        unit = unit_named(said) or ""
+        reasons.append(f"unit {unit} by the line of units")
+    elif unit is not None:
         reasons.append(f"unit {unit} by its name")
     elif is_angle and np.issubdtype(values.dtype, np.integer) and span > 50:
         unit = "counts"
@@ -306,17 +336,19 @@ def to_map(proposal: Proposal, path: Path) -> str:
     """Return a proposal as the commented text of a signal map."""
     column, unit, reason = proposal.clock
     lines = [
-        f"# Signal map proposed for {path.name} from names and numbers: check every line. `vsajax init logs/hebi`",
-        "# explains every key. Then: vsajax estimate LOG --map THIS -c CONFIG --report log.html",
+        f"# Signal map proposed for {printable(path.name)} from names and numbers: check every line.",
+        "# `vsajax init logs/hebi` explains every key. Then:",
+        "# vsajax estimate LOG --map THIS -c CONFIG --report log.html",
         "",
         "schema_version = 1",
         f'kind = "{proposal.kind}"',
-        "",
-        "[clock]",
-        f"# {reason}",
-        f"column = {_quoted(column)}",
-        f'unit = "{unit}"',
     ]
+    if proposal.file:
+        lines += ["", "[file]", *(f"# {printable(note)}" for note in proposal.notes)]
+        lines += [f"{key} = {_toml(value)}" for key, value in proposal.file.items()]
+    lines += ["", "[clock]", f"# {printable(reason)}", f"column = {_quoted(column)}"]
+    if unit is not None:
+        lines.append(f'unit = "{unit}"')
     if any(guess.clock for guess in proposal.guesses):
         lines.append('resample = "linear" # signals have stamps of their own')
     if proposal.select is not None:
@@ -324,11 +356,11 @@ def to_map(proposal: Proposal, path: Path) -> str:
         lines += [
             "",
             "[select]",
-            f"# {why}",
+            f"# {printable(why)}",
             f"{_quoted(name)} = {_quoted(value) if isinstance(value, str) else value}",
         ]
     for guess in proposal.guesses:
-        lines += ["", f"[signals.{guess.name}]", *(f"# {reason}" for reason in guess.reasons)]
+        lines += ["", f"[signals.{guess.name}]", *(f"# {printable(reason)}" for reason in guess.reasons)]
         lines += [f"column = {_quoted(guess.column)}", f'unit = "{guess.unit}"']
         if guess.clock:
             lines.append(f"clock = {_quoted(guess.clock)}")
@@ -347,9 +379,23 @@ def to_map(proposal: Proposal, path: Path) -> str:
     for need in proposal.lacking:
         lines += ["", f"# MISSING: no column looks like {need}, which kind {proposal.kind!r} needs."]
     if proposal.others:
-        lines += ["", "# Columns left over:", *(f"#   {name}" for name in proposal.others[:40])]
+        lines += ["", "# Columns left over:", *(f"#   {printable(name)}" for name in proposal.others[:40])]
     return "\n".join(lines) + "\n"
 
 
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f"[{', '.join(map(_toml, value))}]" if isinstance(value, list | tuple) else str(value)
+
+
 def _quoted(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    """Return text as a basic string of TOML, on one line."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    # TOML knows \u and \U, not Python's \x.
+    shown = (
+        c if printable(c) == c else f"\\u{ord(c):04X}" if ord(c) < 0x10000 else f"\\U{ord(c):08X}" for c in escaped
+    )
+    return f'"{"".join(shown)}"'

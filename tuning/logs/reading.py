@@ -10,8 +10,20 @@ from typing import Any, cast
 import numpy as np
 import pyarrow as pa
 
-from tuning.errors import InputError, Mistake, input_error
-from tuning.logs.clock import FEWEST_SAMPLES, ClockReport, at_times, is_same, on_regular_clock, read_clock
+from tuning.errors import InputError, Mistake, input_error, printable
+from tuning.logs.clock import (
+    FEWEST_SAMPLES,
+    ClockReport,
+    at_times,
+    find_jumps,
+    find_lost_digits,
+    is_same,
+    on_regular_clock,
+    read_clock,
+    read_stamps,
+    resolve_clock,
+    rows_since,
+)
 from tuning.logs.faults import Fault, find_units, find_wraps, resolution
 from tuning.logs.files import LogFile, read_log_file, write_table
 from tuning.logs.signal_map import (
@@ -29,6 +41,7 @@ from tuning.logs.signal_map import (
     unmet_needs,
 )
 from tuning.logs.streams import Log, column_in, open_log
+from tuning.logs.units import unit_named
 
 __all__ = ["RecordingTable", "read_recording", "read_series", "write_table"]
 
@@ -82,8 +95,8 @@ def read_recording(
     if kind is not None and kind not in KINDS:
         raise input_error("kind", f"got {kind!r}; allowed are {', '.join(KINDS)}")
     signal_map = None if map_path is None else read_signal_map(map_path)
-    log = open_log(path, () if signal_map is None else signal_map.join)
-    notes: list[str] = []
+    log = open_log(path) if signal_map is None else open_log(path, signal_map.join, signal_map.file)
+    notes = log.notes
     if signal_map is None:
         signal_map = _map_canonical(log, cast("Kind | None", kind), notes)
     elif kind not in (None, signal_map.kind):
@@ -93,14 +106,20 @@ def read_recording(
     wanted = {**signal_map.select, **(select or {})}
     _require_columns(log, signal_map, wanted, blame)
     main = log.of(signal_map.clock.column)
-    rows = _select_rows(main, wanted, notes)
+    signal_map = signal_map.model_copy(update={"clock": resolve_clock(main, signal_map.clock, blame, notes)})
+    clock = signal_map.clock
+    rows = rows_since(main, clock, _select_rows(main, wanted, notes), blame, notes)
+    notes += _unlike_units(log, signal_map)
     raw, foreign = _read_numbers(log, main, signal_map, rows)
-    time, kept, said = read_clock(main, signal_map.clock, raw["time"], rows)
+    readings = {name: values for name, values in raw.items() if name != "time"}
+    time, kept, said = read_clock(main, clock, raw["time"], rows, readings=readings)
     notes += said
     report = ClockReport.of(time)
-    notes += report.notes(signal_map.clock)
-    own = {name: values[kept] for name, values in raw.items() if name != "time"}
-    faults = [
+    faults = find_jumps(main, clock, raw["time"][kept], rows[kept], time)
+    notes += [] if faults else report.notes(clock)
+    faults += find_lost_digits(clock, raw["time"], readings)
+    own = {name: values[kept] for name, values in readings.items()}
+    faults += [
         fault
         for name, signal in signal_map.signals.given().items()
         for fault in (
@@ -143,7 +162,8 @@ def read_series(path: Path, column: str) -> tuple[np.ndarray, np.ndarray]:
         way_out = 'call the clock "time", and name the torque: column = "…" beside path'
         raise InputError(*_missing_columns(Log(path, (log,)), absent, way_out))
     rows = np.arange(log.table.num_rows)
-    time, *_ = read_clock(log, Clock(column="time", unit="s"), log.numbers("time", rows), rows)
+    clock = resolve_clock(log, Clock(column="time", unit="s"), str(path), [])
+    time, *_ = read_clock(log, clock, log.numbers("time", rows), rows)
     return time, log.numbers(column, rows).astype(np.float64)
 
 
@@ -160,10 +180,38 @@ def _map_canonical(log: Log, kind: Kind | None, notes: list[str]) -> SignalMap:
         ]
         way_out = "rename them, or say which is which in a signal map (an example: vsajax init logs/hebi map.toml)"
         raise InputError(*_missing_columns(log, absent, way_out))
+    _require_si(log, known)
     ignored = [n for n in log.names if n and n != "time" and n not in signals_of(known)]
     if ignored:
-        notes.append(f"columns ignored, being no signals of kind {known!r}: {', '.join(ignored)}")
+        shown = ", ".join(map(printable, ignored))
+        notes.append(f"columns ignored, being no signals of kind {known!r}: {shown}")
     return canonical_map(known, present)
+
+
+def _require_si(log: Log, kind: Kind) -> None:
+    """Refuse canonical columns that a line of units says are not in SI."""
+    si = {"time": "s"} | {n: s.unit for n, s in canonical_map(kind, set(signals_of(kind))).signals.given().items()}
+    way_out = "say so in a signal map: vsajax init map LOG proposes one"
+    mistakes = [
+        Mistake(f"{log.path}: {name}", f"is in {said!r} by the line of units, but is read in {si[name]}", way_out)
+        for stream in log.streams
+        for name, said in stream.units.items()
+        if name in si and unit_named(said) != si[name]
+    ]
+    if mistakes:
+        raise InputError(*mistakes)
+
+
+def _unlike_units(log: Log, signal_map: SignalMap) -> list[str]:
+    """Return where a line of units in the file and the map differ."""
+    found = []
+    for name, signal in {"clock": signal_map.clock, **signal_map.signals.given()}.items():
+        stream = log.of(signal.column)
+        said = stream.units.get(column_in(stream, signal.column), "")
+        unit = "ns" if name == "clock" and signal_map.clock.unit is None else signal.unit
+        if said and unit_named(said) not in (None, unit):
+            found.append(f"{name} is read in {unit}, as the map says; the file's line of units says {said!r}")
+    return found
 
 
 def _infer_kind(present: set[str]) -> Kind:
@@ -175,13 +223,14 @@ def _infer_kind(present: set[str]) -> Kind:
 def _missing_columns(log: Log, absent: list[tuple[str, str, str]], way_out: str = "") -> list[Mistake]:
     """Return the mistakes for `absent` (place, problem, name sought); the last lists what there is."""
     hints = [f"did you mean {near!r}?" if (near := log.nearest(name)) else "" for *_, name in absent]
-    present = f"columns present: {', '.join(name or '(unnamed)' for name in log.names)}"
+    present = f"columns present: {', '.join(printable(name) or '(unnamed)' for name in log.names)}"
     hints[-1] = "; ".join(filter(None, (hints[-1], present, way_out)))
     return [Mistake(place, problem, hint) for (place, problem, _), hint in zip(absent, hints, strict=True)]
 
 
 def _require_columns(log: Log, signal_map: SignalMap, select: Mapping[str, object], blame: str) -> None:
     sought = {"clock.column": signal_map.clock.column}
+    sought |= {"clock.nanoseconds": ns} if (ns := signal_map.clock.nanoseconds) else {}
     sought |= {f"select.{column}": column for column in select}
     sought |= {f"signals.{name}.column": s.column for name, s in signal_map.signals.given().items()}
     sought |= {f"signals.{name}.clock": s.clock for name, s in signal_map.signals.given().items() if s.clock}
@@ -211,6 +260,9 @@ def _require_columns(log: Log, signal_map: SignalMap, select: Mapping[str, objec
             for column in select
             if log.of(column) is not main
         ]
+        ns = signal_map.clock.nanoseconds
+        if ns is not None and log.of(ns) is not main:
+            mistakes.append(Mistake(f"{blame}: clock.nanoseconds", "is not of the clock's own table", "mend it"))
     if mistakes:
         raise InputError(*mistakes)
 
@@ -266,7 +318,11 @@ def _read_numbers(
             mistakes.extend(error.mistakes)
             return np.zeros(len(at))
 
-    raw["time"] = read(main, signal_map.clock.column, rows)
+    clock = signal_map.clock
+    try:
+        raw["time"] = read_stamps(main, clock.column, rows, clock.nanoseconds)
+    except InputError as error:
+        mistakes.extend(error.mistakes)
     for name, signal in signal_map.signals.given().items():
         stream = log.of(signal.column)
         if stream is main and signal.clock in (None, signal_map.clock.column):
@@ -284,6 +340,10 @@ def _read_numbers(
                     "name the column of the signal's own time stamps",
                 )
             )
+            continue
+        if stream.holds_dates(column_in(stream, column)) != main.holds_dates(column_in(main, clock.column)):
+            problem = f"{column!r} and {clock.column!r} count time in different ways: only one of them holds dates"
+            mistakes.append(Mistake(f"signals.{name}.clock", problem, "name two columns of one kind"))
             continue
         everything = np.arange(stream.table.num_rows)
         foreign[name] = _Foreign(
@@ -309,9 +369,8 @@ def _join(
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     mistakes: list[Mistake] = []
     for name, one in foreign.items():
-        own, kept, _ = read_clock(
-            one.stream, signal_map.clock, one.stamps, one.rows, column=one.column, start=start
-        )
+        clock = signal_map.clock.model_copy(update={"nominal_step": None})
+        own, kept, _ = read_clock(one.stream, clock, one.stamps, one.rows, column=one.column, start=start)
         values = _convert({name: one.values[kept]}, signal_map, blame, notes)[name]
         found[name] = own, values
         if method is None and not is_same(time, own):

@@ -14,6 +14,7 @@ import numpy as np
 import pydantic
 
 from tuning.kinds import SIGNAL_MAP, require_kind
+from tuning.logs.layout import AS_FOUND, FileFormat
 from tuning.schema import Table, read_toml, validate
 from tuning.tables import with_settings
 
@@ -262,12 +263,19 @@ class Signals(Table):
         return {name: signal for name, signal in self if signal is not None}
 
 
+PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+
+
 class Clock(Table):
     """The time stamps.
 
     Args:
         column: its name in the file.
-        unit: of the file.
+        unit: of the file; not needed where the column holds dates or durations, which have one of their own.
+        nanoseconds: the column of what is to be added to `column`, which then holds whole seconds.
+        not_before: samples with earlier stamps are left out, in the file's unit: the clock was not set yet. Dates
+            as text, in ISO 8601.
+        nominal_step: where the stamps have lost their digits: samples are this far apart instead [s].
         drop_duplicates: keep the first of the samples that share a stamp, rather than refuse them.
         start_at_zero: subtract the first stamp (exactly, where stamps are integers).
         resample: how signals with other stamps are brought to these, "linear" or "previous"; by default they are
@@ -276,7 +284,10 @@ class Clock(Table):
     """
 
     column: str
-    unit: Literal["s", "ms", "us", "ns"]
+    unit: Literal["s", "ms", "us", "ns"] | None = None
+    nanoseconds: str | None = None
+    not_before: Annotated[int | float | str, pydantic.Field(union_mode="left_to_right")] | None = None
+    nominal_step: _Positive | None = None
     drop_duplicates: bool = False
     start_at_zero: bool = True
     resample: Literal["linear", "previous"] | None = None
@@ -286,13 +297,17 @@ class Clock(Table):
     def _consistent(self) -> Self:
         if self.sample_time is not None and self.resample is None:
             raise ValueError("sample_time needs resample, 'linear' or 'previous'")
+        if self.nanoseconds is not None and self.unit not in (None, "s"):
+            raise ValueError(f"nanoseconds are added to whole seconds, unit 's'; got {self.unit!r}")
+        if self.nominal_step is not None and self.drop_duplicates:
+            raise ValueError("nominal_step gives every sample a time of its own: leave drop_duplicates out")
         return self
 
     def to_seconds(self, stamps: np.ndarray, start: Any = None) -> np.ndarray:
         """Return stamps, integer or float, in seconds; from `start`, by default the first of them."""
         # Nanoseconds since 1970 do not fit a float64: subtract while they are still integers.
         elapsed = stamps - (stamps[0] if start is None else start) if self.start_at_zero else stamps
-        return elapsed.astype(np.float64) / {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[self.unit]
+        return elapsed.astype(np.float64) / PER_SECOND[self.unit or "s"]
 
 
 class Expect(Table):
@@ -318,6 +333,7 @@ class SignalMap(Table):
         clock: the time stamps.
         join: further files of the same recording, in its folder.
         select: keep only the rows whose column equals the value, for files that hold many runs.
+        file: how a text file is laid out, as far as the file itself does not tell.
         expect: what is known of the joint.
         signals: the rest.
     """
@@ -326,6 +342,7 @@ class SignalMap(Table):
     kind: Kind
     clock: Clock
     join: list[str] = pydantic.Field(default_factory=list)
+    file: FileFormat = AS_FOUND
     expect: Expect = Expect()
     select: dict[str, Any] = pydantic.Field(default_factory=dict)
     signals: Signals

@@ -10,6 +10,7 @@ from pathlib import Path
 from tuning.errors import InputError, Mistake
 from tuning.logs.files import LogFile
 from tuning.logs.formats import read_streams
+from tuning.logs.layout import AS_FOUND, FileFormat
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,13 @@ class Log:
     def names(self) -> list[str]:
         """The names of all columns."""
         return [name for stream in self.streams for name in stream.names]
+
+    @property
+    def notes(self) -> list[str]:
+        """What was found in its files and not told."""
+        several = len({stream.path for stream in self.streams}) > 1
+        said = (f"{s.path.name}: {note}" if several else note for s in self.streams for note in s.notes)
+        return list(dict.fromkeys(said))
 
     def of(self, name: str) -> LogFile:
         """Return the stream that holds a column; `file.csv:column` asks for that of one file of several."""
@@ -53,8 +61,13 @@ def column_in(stream: LogFile, name: str) -> str:
     return name if name in stream.names else name.partition(":")[2]
 
 
-def open_log(path: Path, join: Sequence[str] = ()) -> Log:
+def open_log(path: Path, join: Sequence[str] = (), told: FileFormat = AS_FOUND) -> Log:
     """Return the columns of a log and of the files that join it, which lie in its folder.
+
+    Args:
+        path: of the first file.
+        join: names of the others.
+        told: how text files are laid out, as far as it is known.
 
     Raises:
         InputError: a file cannot be read; carries the mistakes of all.
@@ -63,7 +76,7 @@ def open_log(path: Path, join: Sequence[str] = ()) -> Log:
     mistakes: list[Mistake] = []
     for file in (path, *(path.parent / name for name in join if path.parent / name != path)):
         try:
-            streams += read_streams(file)
+            streams += read_streams(file, told)
         except InputError as error:
             mistakes += error.mistakes
     if mistakes:

@@ -115,14 +115,20 @@ def test_columns_that_are_numbers_in_any_parquet_type_are_read(tmp_path):
         ("", ["is empty (0 bytes)"]),
         ("\n\n", ["has no samples", "header row"]),
         ("a,b\n", ["header but no samples"]),
-        ("a,b", ["has no samples"]),
+        ("a,b", ["header but no samples"]),
         ("a,b\n1,2\n\n3\n", ["line 4", "has 1 cells where the header has 2", "separated by commas"]),
-        ("a;b\n1,5;2\n", ["is separated by ';'", "with commas and decimal points"]),
-        ("a\tb\n1\t2\n", [r"is separated by '\t'"]),
+        ("a;b\n1;5\n1;2;3\n", ["line 3", "separated by semicolons"]),
+        ("a,b\n0,5,0,25\n1,5,0,75\n", ["4 cells", "commas for decimal marks and between", "semicolons"]),
+        ("a;b\n1,234;5\n", ["'1,234'", "may be 1.234 or 1234", "decimal ="]),
+        ('a,b\n"1,000",5\n"1,005",6\n', ["may be 1.005 or 1005"]),
+        ("a,b\n1_0,5\n1,5\n", ["line 2", "'1_0' where a number is needed"]),
+        ("a,b\n1,5\n1,\u0661\u0662\n1,6\n", ["line 3", "'\u0661\u0662' where a number"]),
+        ("a,b\n1,5\n1,0x1F\n1,6\n", ["line 3", "'0x1F' where a number"]),
+        ('a,b\n1,5\n1,"6\n1,7\n', ["line 3", "nothing closes"]),
         ("a,b\n1,2\n1,2,3\n1\n", ["line 3", "has 3 cells", "line 4", "has 1 cells"]),
         ("a,b\n" + "1\n" * 9, ["line 6", "9 lines in all are ragged"]),
         ("a,b\n1,2\n1,2\n1,off\n", ["line 4", "column 'b' has 'off' where a number is needed"]),
-        ("a,b\ns,deg\n1,2\n", ["line 2", "column 'a' has 's'"]),
+        ("a,b\nfoo,bar\n1,2\n", ["line 2", "column 'a' has 'foo'"]),
         ("a,b\n1,x\n\n1,y\n", ["line 2", "column 'b' has 'x'", "2 such rows in all", "mend"]),
         (
             "a,b\n1,2\n\n1,\n1,\n",
@@ -131,7 +137,6 @@ def test_columns_that_are_numbers_in_any_parquet_type_are_read(tmp_path):
         ("a,b\n1,2\n1,nan\n", ["line 3", "column 'b' has no value or NaN"]),
         ("a,b\n1,-inf\n1,2\n", ["line 2", "column 'b' has -inf where a finite number is needed"]),
         ("a,b\n,1\n,1\n", ["line 2", "column 'a' has no value"]),
-        ("a,b\n2024-01-02 10:00:00,1\n", ["column 'a' holds timestamp", "not numbers"]),
         ("a,b\ntrue,1\n", ["column 'a' holds bool", "not numbers"]),
     ],
 )
@@ -139,15 +144,6 @@ def test_a_bad_csv_is_named_by_line(tmp_path, content, words):
     path = tmp_path / "log.csv"
     path.write_text(content)
     says(path, *words)
-
-
-@pytest.mark.failure
-def test_text_that_is_not_utf8_is_named(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_bytes("Auslenkung [°],b\n1,2\n".encode("latin-1"))
-    says(path, "not UTF-8", "save it as UTF-8")
-    path.write_bytes("a,b\n1,2\n3,°\n".encode("latin-1"))
-    says(path, "line 3", "column 'b'", r"b'\xb0'")
 
 
 @pytest.mark.failure
