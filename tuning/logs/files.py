@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import difflib
 import io
 import math
@@ -82,6 +81,13 @@ class LogFile:
         by_lower = {known.lower(): known for known in self.names}
         near = difflib.get_close_matches(name.lower(), by_lower, 1)
         return by_lower[near[0]] if near else None
+
+    def is_mostly_numbers(self, name: str) -> bool:
+        """Return whether a column holds numbers but for less than half of its cells."""
+        column = self.column(name)
+        if pa.types.is_string(column.type):
+            return 2 * bad_numbers(trimmed(column), self.decimal).size < len(column) > 2 * column.null_count
+        return pa.types.is_floating(column.type) or pa.types.is_integer(column.type)
 
     def numbers(self, name: str, rows: np.ndarray) -> np.ndarray:
         """Return a column at `rows` as finite numbers: int64 where the file holds integers, else float64.
@@ -163,8 +169,6 @@ def read_log_file(path: Path, told: FileFormat = AS_FOUND) -> LogFile:
     except pa.ArrowException as error:
         what = {".csv": "a CSV file", ".parquet": "a Parquet file"}[path.suffix.lower()]
         raise input_error(path, f"cannot be read as {what}: {error}", "was it cut short or misnamed?") from None
-    except csv.Error as error:
-        raise input_error(path, f"cannot be read as a CSV file: {error}", "is it one?") from None
     except OSError as error:
         reason = error.strerror or str(error)
         raise input_error(

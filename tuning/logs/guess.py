@@ -128,7 +128,8 @@ def propose(path: Path) -> Proposal:
         InputError: the log cannot be read, or no column can be a clock.
     """
     log = open_log(path)
-    numbers = {name: values for stream in log.streams for name, values in _numbers(stream).items()}
+    notes = log.notes
+    numbers = {name: values for stream in log.streams for name, values in _numbers(stream, notes).items()}
     stream, clock = _guess_clock(log, numbers)
     taken = {clock[0], *_stamps(log, numbers)}
     guesses: list[Guess] = []
@@ -149,17 +150,19 @@ def propose(path: Path) -> Proposal:
     select = _guess_selection(stream, clock[0])
     others = tuple(n for n in log.names if n and n not in mapped)
     keys = {key: value for one in log.streams for key, value in one.keys.items()}
-    return Proposal(kind, clock, tuple(guesses), select, lacking, others, tuple(log.notes), keys)
+    return Proposal(kind, clock, tuple(guesses), select, lacking, others, tuple(notes), keys)
 
 
-def _numbers(stream: LogFile) -> dict[str, np.ndarray]:
+def _numbers(stream: LogFile, notes: list[str]) -> dict[str, np.ndarray]:
+    """Return the columns of numbers; of those that a few cells keep from being one, notes are made."""
     found = {}
     rows = np.arange(min(stream.table.num_rows, _LOOKED_AT))
     for name in stream.names:
         try:
             found[name] = stream.numbers(name, rows)
-        except InputError:
-            continue
+        except InputError as error:
+            if stream.is_mostly_numbers(name):
+                notes += [f"left out: {mistake.place}: {mistake.problem}" for mistake in error.mistakes]
     return found
 
 
@@ -199,6 +202,10 @@ def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tup
     why = "its name, and it rises" if column in named or column in own else "it is the first column that rises"
     stream = log.of(column)
     unit, reason = _clock_unit(column, numbers[column], stream)
+    equal = np.diff(numbers[column]) == 0
+    if np.mean(equal) > 0.1:
+        share = f"{np.count_nonzero(equal)} of {equal.size + 1}"
+        reason += f"; {share} stamps are those of the sample before: see clock.nominal_step and drop_duplicates"
     return stream, (column, unit, f"{why}; {reason}")
 
 
@@ -376,6 +383,8 @@ def to_map(proposal: Proposal, path: Path) -> str:
             lines.append(
                 f"scale = 1.0 # SUPPOSED: {'N.m' if 'torque' in guess.name else 'rad'} per {guess.unit[-1]}"
             )
+    if not proposal.guesses:
+        lines += ["", "[signals]"]
     for need in proposal.lacking:
         lines += ["", f"# MISSING: no column looks like {need}, which kind {proposal.kind!r} needs."]
     if proposal.others:

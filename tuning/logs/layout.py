@@ -179,7 +179,11 @@ def cut(text: str, separator: str) -> list[str]:
     if separator == " " and '"' not in text:
         return text.split()
     quiet = text.strip() if separator == " " else text
-    row = next(csv.reader([quiet], delimiter=separator, skipinitialspace=True), [])
+    try:
+        row = next(csv.reader([quiet], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        # A line break where this separator leaves it outside the quotation marks.
+        return [text]
     return [cell.strip() for cell in row]
 
 
