@@ -31,6 +31,7 @@ _TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]
     show_default=True,
     help="Of the simulated one [s].",
 )
+@click.option("--trust", is_flag=True, help="Run the folder's own check.py, even if it is not that of vsajax.")
 @SETTINGS
 @JSON
 @QUIET
@@ -41,20 +42,23 @@ def export(
     thorough: bool,
     recording: Path | None,
     duration: float,
+    trust: bool,
     settings: tuple[str, ...],
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Export a tuned CONFIG with manifest, golden recording and a check that is run; exit 1 if it fails.
 
-    With --check and no format, CONFIG is a folder that was exported, and its checks are run again.
+    With --check and no format, CONFIG is a folder that was exported, and its checks are run again: by the scripts
+    of vsajax, never by its own unless they are the same or --trust is given.
     """
     if target is None and folder is None and thorough:
         refuse_given("does not go with the check of an exported folder", "recording", "duration", "settings")
         from tuning.exports.recheck import check_folder
 
-        _tell(check_folder(config), None, as_json=as_json, quiet=quiet)
+        _tell(check_folder(config, trusted=trust), None, as_json=as_json, quiet=quiet)
         return
+    refuse_given("is for the check of an exported folder", "trust")
     if target is None:
         raise click.MissingParameter(param_hint="'--to'", param_type="option")
     if folder is None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from tuning.errors import InputError, input_error
-from tuning.exports import checks
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.configs import load_exportable
 from tuning.exports.deployables import deployable_of
@@ -17,13 +16,12 @@ from tuning.exports.formats.registry import writer_of
 from tuning.exports.golden import make_golden
 from tuning.exports.manifest import manifest_of
 from tuning.exports.readme import readme_of
-from tuning.exports.recheck import Exported, read_manifest, run_check
+from tuning.exports.recheck import CHECKS, Exported, read_manifest, run_check
 from tuning.store import write_bytes, write_text
 from tuning.study import study_hash
 
 SECONDS = 10.0
 """Length of a golden recording that is simulated [s]."""
-_CHECKS = Path(checks.__file__).parent
 
 
 def export_config(
@@ -69,7 +67,7 @@ def export_config(
         ) from None
     manifest = manifest_of(subject, target, path, artefact)
     files = _write(folder, artefact, subject, manifest)
-    results = run_check(folder, thorough=thorough)
+    results = run_check(folder, artefact.check, thorough=thorough)
     # The page states what the checks found.
     write_text(folder / "README.md", readme_of(subject, artefact, manifest, results))
     write_text(folder / "manifest.json", _json(manifest | {"checks": results}))
@@ -96,7 +94,7 @@ def _write(folder: Path, artefact: Artefact, subject: Subject, manifest: dict[st
     texts["golden.csv"] = subject.golden.csv()
     texts["README.md"] = readme_of(subject, artefact, manifest, [])
     for name, module in artefact.scripts.items():
-        texts[name] = (_CHECKS / f"{module}.py").read_text(encoding="utf-8")
+        texts[name] = (CHECKS / f"{module}.py").read_text(encoding="utf-8")
     texts["manifest.json"] = _json(manifest)
     for name, contents in texts.items():
         if isinstance(contents, bytes):

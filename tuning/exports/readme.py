@@ -53,7 +53,11 @@ def _single_precision(result: dict[str, Any]) -> dict[str, Any] | None:
         for name, worst in figures["deviation"].items()
         if name not in figures["differing"] and (worst or name in figures["not_finite"])
     ]
-    return {"told": result["what"].removeprefix("stated, not judged: "), "rows": rows, "differing": figures["differing"]}
+    return {
+        "told": result["what"].removeprefix("stated, not judged: "),
+        "rows": rows,
+        "differing": figures["differing"],
+    }
 
 
 def number(value: Any) -> str:

@@ -11,6 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from tuning.errors import input_error
+from tuning.exports import checks
+
+CHECKS = Path(checks.__file__).parent
+"""The scripts that check an export; copies travel with it."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +36,39 @@ class Exported:
         return "failed" not in states and "passed" in states
 
 
-def check_folder(folder: Path) -> Exported:
+def check_folder(folder: Path, *, trusted: bool = False) -> Exported:
     """Run the checks of an exported folder again, all of them.
 
+    What is run are the scripts of this package on the folder's artefact, and no script of the folder, which may
+    come from anybody. Its own must be the same, byte for byte: else another check would be told of than it has.
+
+    Args:
+        folder: what `export_config` wrote.
+        trusted: run the folder's own check instead, whatever it does.
+
     Raises:
-        InputError: it is not one.
+        InputError: it is no export, or its scripts are not those of this package.
     """
-    read_manifest(folder)
-    return Exported([], run_check(folder, thorough=True))
+    manifest = read_manifest(folder)
+    if trusted:
+        return Exported([], _run(folder / "check.py", folder, folder, thorough=True))
+    return Exported([], run_check(folder, _own_check(folder, manifest), thorough=True))
+
+
+def _own_check(folder: Path, manifest: dict[str, Any]) -> str:
+    """Return the module of `checks` that a folder's check.py is, all its scripts being those of this package."""
+    scripts = sorted({"check.py", "checking.py", *(n for n in manifest["shipped"] if str(n).endswith(".py"))})
+    own = {path.name: path.read_bytes() for path in CHECKS.glob("*.py")}
+    found = {name: (folder / name).read_bytes() for name in scripts if (folder / name).is_file()}
+    module = next((name for name, text in own.items() if text == found.get("check.py")), None)
+    odd = [name for name in scripts if name != "check.py" and found.get(name) != own.get(name, b"")]
+    if module is None or odd:
+        raise input_error(
+            folder / ("check.py" if module is None else odd[0]),
+            "is not the script of this version of vsajax: running it would run whatever somebody wrote there",
+            "read it, then add --trust; or export again with this version",
+        )
+    return module.removesuffix(".py")
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -63,12 +92,18 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def run_check(folder: Path, *, thorough: bool) -> list[dict[str, Any]]:
-    """Run a folder's own check in a fresh process and return what it found."""
+def run_check(folder: Path, module: str, *, thorough: bool) -> list[dict[str, Any]]:
+    """Run a module of `checks` on a folder in a fresh process and return what it found."""
+    # Not in the folder: nothing of it is to be taken for a module.
+    return _run(CHECKS / f"{module}.py", folder, CHECKS, thorough=thorough)
+
+
+def _run(script: Path, folder: Path, within: Path, *, thorough: bool) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as place:
         report = Path(place) / "results.json"
-        command = [sys.executable, "check.py", "--json", str(report), *([] if thorough else ["--quick"])]
-        ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        command = [sys.executable, str(script.resolve()), "--folder", str(folder.resolve()), "--json", str(report)]
+        command += [] if thorough else ["--quick"]
+        ran = subprocess.run(command, cwd=within, capture_output=True, text=True, check=False)
         if report.is_file():
             return json.loads(report.read_text(encoding="utf-8"))
     lines = (ran.stderr or ran.stdout).strip().splitlines()

@@ -154,6 +154,35 @@ def test_a_check_that_fails_ends_with_1(vsajax, tmp_path):
 
 @pytest.mark.cli
 @pytest.mark.failure
+def test_no_script_that_somebody_sent_is_run_unless_it_is_trusted(vsajax, tmp_path):
+    folder, mark = tmp_path / "sent", tmp_path / "mark"
+    exported(vsajax, "ros2", folder, "--duration", "0.1")
+    evil = f"open({str(mark)!r}, 'w').close()\n"
+    # A module of a package that the check imports.
+    (folder / "yaml.py").write_text(evil)
+    assert vsajax("export", folder, "--check").code == 0
+    assert not mark.exists()
+    (folder / "yaml.py").unlink()
+    for name in ("checking.py", "check.py"):
+        script = folder / name
+        own = script.read_text()
+        script.write_text(evil + own)
+        for _ in range(2):
+            ended = vsajax("export", folder, "--check")
+            assert (ended.code, ended.out) == (2, "")
+            assert f"{script}: is not the script of this version of vsajax" in ended.err
+            assert "--trust" in ended.err
+        assert not mark.exists()
+        assert vsajax("export", folder, "--check", "--trust").code == 0
+        assert mark.exists()
+        mark.unlink()
+        script.write_text(own)
+    assert vsajax("export", folder, "--check").code == 0
+    assert "--trust is for the check" in vsajax("export", SERIAL, "--to", "json", "-o", folder, "--trust").err
+
+
+@pytest.mark.cli
+@pytest.mark.failure
 def test_what_is_no_export_is_named(vsajax, tmp_path):
     ended = vsajax("export", tmp_path, "--check")
     assert (ended.code, ended.out) == (2, "")

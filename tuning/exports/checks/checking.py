@@ -10,7 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-HERE = Path(__file__).parent
+HERE = Path(sys.argv[sys.argv.index("--folder") + 1]) if "--folder" in sys.argv else Path(__file__).parent
+"""The exported folder: where this lies, or what ``--folder`` names."""
 TOLERANCE = 1e-9
 """Largest deviation from the golden recording."""
 
