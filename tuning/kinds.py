@@ -20,6 +20,19 @@ ONLY_IN_STUDIES = frozenset(
 """Keys of a study of something simulated that an estimator alone does not have."""
 
 
+_KEYS = ONLY_IN_STUDIES | {
+    "schema_version",
+    "kind",
+    "name",
+    "provenance",
+    "estimator",
+    "scorer",
+    "select",
+    "expect",
+}
+"""Keys by which a file that lacks what makes its kind is still taken for one of the lab's."""
+
+
 @dataclass(frozen=True)
 class FileKind:
     """One kind of file.
@@ -91,12 +104,17 @@ def kind_of(tables: Tables) -> FileKind | None:
 def require_kind(tables: Tables, place: str, *wanted: FileKind) -> None:
     """Refuse a file of another kind than is wanted: what it is, and what takes it.
 
-    Tables that are of no known kind pass: their keys are told one by one when they are validated.
+    Tables of no known kind pass where one of their keys is the lab's: the others are told one by one when they are
+    validated.
 
     Raises:
-        InputError: the tables are of another kind.
+        InputError: the tables are of another kind, or nothing of the lab.
     """
     got = kind_of(tables)
+    if got is None and not tables.keys() & _KEYS:
+        names = ", ".join(map(repr, list(tables)[:5])) or "nothing"
+        fix = "name another file; `vsajax init --list` prints what ships, to start from"
+        raise input_error(place, f"is not {wanted[0].name}, nor any file of the lab: it holds {names}", fix)
     if got is None or got in wanted:
         return
     raise input_error(place, f"is {got.name}, not {wanted[0].name}", got.use.format(file=place))
