@@ -24,6 +24,7 @@ import pyarrow as pa
 
 from tuning.errors import input_error
 from tuning.progress import progress
+from tuning.scheduler import CONNECT_WITHIN, Patience, require_scheduler, unreachable
 from tuning.store import RunStore, read_table
 from tuning.work import Columns, planner_of, result_file, run_chunk, run_share, spec_of
 
@@ -31,11 +32,11 @@ Results = Generator[tuple[str, Columns], None, None]
 
 _LOSSES = 10
 """Workers that may be lost with a chunk on them before the chunk is taken for the cause."""
-_CONNECT_WITHIN = 10
 _TRIES = 3
 """Jobs in a row that may end without a single chunk."""
 _JOB_MINUTES = 60
 _LOOK_EVERY = 0.2
+_POLL_EVERY = 0.02
 
 
 class Executor(Protocol):
@@ -89,10 +90,12 @@ class DaskExecutor:
     Args:
         workers: processes to start, each computing one chunk at a time.
         scheduler: address of a running scheduler instead, e.g. ``tcp://node:8786``.
+        wait: time without workers after which a run with that scheduler is given up [s]; `None`: never.
     """
 
     workers: int = 1
     scheduler: str | None = None
+    wait: float | None = None
 
     def __post_init__(self):
         _require("distributed")
@@ -108,9 +111,9 @@ class DaskExecutor:
             arriving = distributed.as_completed(futures, client.loop, with_results=True)
             del futures
             try:
-                for future, columns in arriving:
+                for future, columns in self._arrivals(client, arriving):
                     if future.cancelled():
-                        raise self._unreachable("ended before the run did")
+                        raise unreachable(str(self.scheduler), "ended before the run did")
                     future.release()
                     yield chunk_of[future.key], columns
             except distributed.KilledWorker as error:
@@ -121,19 +124,31 @@ class DaskExecutor:
                     "if memory ran out, use fewer --workers; then go on with --resume",
                 ) from None
 
+    def _arrivals(self, client: Any, arriving: Any) -> Iterator[Any]:
+        """Yield what arrives, and look after the workers of a scheduler meanwhile."""
+        if self.scheduler is None:
+            yield from arriving
+            return
+        patience = Patience(self.scheduler, lambda: len(client.nthreads()), self.wait)
+        while not arriving.is_empty():
+            if arriving.has_ready():
+                yield next(arriving)
+            else:
+                patience.look()
+                time.sleep(_POLL_EVERY)
+
     @contextmanager
     def _client(self, chunks: int) -> Iterator[Any]:
         import distributed
-        from distributed.comm.addressing import get_address_host_port
 
         if self.scheduler is not None:
             # What goes wrong there is told once, by the error that ends the run.
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+            require_scheduler(self.scheduler)
             try:
-                get_address_host_port(self.scheduler)
-                client = distributed.Client(self.scheduler, timeout=_CONNECT_WITHIN, set_as_default=False)
+                client = distributed.Client(self.scheduler, timeout=CONNECT_WITHIN, set_as_default=False)
             except (OSError, ValueError) as error:
-                raise self._unreachable(f"cannot be reached ({error})") from None
+                raise unreachable(self.scheduler, f"cannot be reached ({error})") from None
             with client:
                 yield client
             return
@@ -151,9 +166,6 @@ class DaskExecutor:
             with _interrupts_held():
                 cluster = stack.enter_context(distributed.LocalCluster(**options))
             yield stack.enter_context(distributed.Client(cluster, set_as_default=False))
-
-    def _unreachable(self, problem: str) -> Exception:
-        return input_error(f"scheduler {self.scheduler}", problem, "start it and its workers; go on with --resume")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socketserver
+import threading
+import time
 from collections.abc import Callable
 from contextlib import closing
 from importlib import import_module, util
@@ -16,7 +19,7 @@ import psutil
 import pytest
 
 from tests.tuning.builders import NOISE, PRIOR, SERIAL, SMALL, TINY, tiny_serial
-from tuning import executors, sweep, work
+from tuning import executors, scheduler, sweep, work
 from tuning.cli.options import executor_for
 from tuning.errors import InputError
 from tuning.executors import DaskExecutor, Executor, Inline, SlurmExecutor, complete
@@ -131,9 +134,102 @@ def test_a_chunk_that_ends_every_worker_ends_the_run_which_can_be_resumed(
 @pytest.mark.failure
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "", "carrier://pigeon:1"])
 def test_a_scheduler_that_is_not_there_is_named(planned, tmp_path, monkeypatch, address):
-    monkeypatch.setattr(executors, "_CONNECT_WITHIN", 0.5)
+    monkeypatch.setattr(scheduler, "CONNECT_WITHIN", 0.5)
     with pytest.raises(InputError, match=rf"scheduler {address}: cannot be reached \(.+\)\n.*--resume"):
         complete(planned.open(tmp_path / "run", resume=False), DaskExecutor(scheduler=address), "dask")
+
+
+ANSWERS = {
+    "nothing": None,
+    "a web server's": b"HTTP/1.1 400 Bad Request\r\n\r\n",
+    "another protocol's": b"SSH-2.0-OpenSSH_9.6\r\n",
+    "zeros": bytes(4096),
+    "ones": 512 * b"\1\0\0\0\0\0\0\0",
+}
+"""What a port may say to a client of Dask."""
+
+
+@pytest.fixture
+def listening():
+    """A port that says something to whoever comes and keeps the connection open."""
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server:
+        server.daemon_threads = True
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield server
+        server.shutdown()
+
+
+@pytest.mark.failure
+@pytest.mark.parametrize("answer", ANSWERS)
+def test_a_port_of_something_else_is_refused_in_time(planned, tmp_path, monkeypatch, listening, answer):
+    said = ANSWERS[answer]
+    ended = threading.Event()
+
+    class Handler(socketserver.BaseRequestHandler):
+        def handle(self):
+            if said is not None:
+                self.request.sendall(said)
+            ended.wait(20.0)
+
+    listening.RequestHandlerClass = Handler
+    monkeypatch.setattr(scheduler, "CONNECT_WITHIN", 0.5)
+    address = f"tcp://127.0.0.1:{listening.server_address[1]}"
+    began = time.monotonic()
+    with pytest.raises(InputError, match=r"does not answer as a Dask scheduler does") as refused:
+        complete(planned.open(tmp_path / "run", resume=False), DaskExecutor(scheduler=address), "dask")
+    ended.set()
+    assert time.monotonic() - began < 10.0
+    assert f"scheduler {address}: " in str(refused.value)
+    assert "`dask scheduler` prints" in str(refused.value)
+
+
+@pytest.mark.failure
+def test_a_scheduler_without_workers_is_waited_for_aloud_and_given_up_as_asked(
+    planned, straight, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(scheduler, "TELL_EVERY", 0.4)
+    monkeypatch.setattr(scheduler, "_LOOK_EVERY", 0.1)
+    with distributed.LocalCluster(
+        n_workers=0, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0", protocol="tcp"
+    ) as cluster:
+        executor = DaskExecutor(scheduler=cluster.scheduler_address, wait=1.5)
+        with pytest.raises(InputError, match=r"no workers within 1.5 s \(--wait\)\n.*--resume"):
+            complete(planned.open(tmp_path / "run", resume=False), executor, "dask")
+        told = capsys.readouterr().err.splitlines()
+        assert 2 <= len(told) <= 3
+        for line in told:
+            assert f"scheduler {cluster.scheduler_address}: no workers yet, for " in line
+            assert f"giving up after 1.5 s; start some: dask worker {cluster.scheduler_address}" in line
+    assert not (tmp_path / "run" / "results.parquet").exists()
+
+
+def test_patience_counts_from_the_last_worker(monkeypatch):
+    now, counts, told = [0.0], [0], []
+    monkeypatch.setattr(scheduler.time, "monotonic", lambda: now[0])
+
+    def workers() -> int:
+        if counts[0] < 0:
+            raise OSError
+        return counts[0]
+
+    patience = scheduler.Patience("tcp://a:1", workers, 60.0, told.append)
+
+    def pass_time(seconds: float, count: int) -> None:
+        counts[0] = count
+        for _ in range(round(8 * seconds)):
+            now[0] += 0.125
+            patience.look()
+
+    pass_time(35.0, 0)
+    assert [line.split(", for ")[1].split(" s")[0] for line in told] == ["10", "20", "30"]
+    pass_time(100.0, 2)
+    pass_time(100.0, -1)  # not known: the client finds out by itself
+    assert len(told) == 3
+    pass_time(5.0, 2)
+    pass_time(59.0, 0)
+    assert len(told) == 8
+    with pytest.raises(InputError, match="no workers within 60 s"):
+        pass_time(2.0, 0)
 
 
 @pytest.mark.slow
@@ -232,7 +328,8 @@ def test_the_options_choose_the_executor(tmp_path, monkeypatch):
     assert executor_for("inline", None, None, tmp_path) == Inline()
     assert executor_for(None, 3, None, tmp_path) == executor_for("dask", 3, None, tmp_path) == DaskExecutor(3)
     assert executor_for("dask", None, None, tmp_path).workers >= 1
-    assert executor_for(None, None, "tcp://a:1", tmp_path).scheduler == "tcp://a:1"
+    remote = executor_for(None, None, "tcp://a:1", tmp_path, 5.0)
+    assert (remote.scheduler, remote.wait) == ("tcp://a:1", 5.0)
     assert executor_for("slurm", 4, None, tmp_path) == SlurmExecutor(tmp_path / "jobs", 4)
 
 
@@ -245,11 +342,13 @@ def test_the_options_choose_the_executor(tmp_path, monkeypatch):
         (("slurm", 2, "tcp://a:1"), "it does not go with --workers"),
         ((None, 2, "tcp://a:1"), "it does not go with --workers"),
         (("slurm", None, None), "--executor slurm needs --workers"),
+        ((None, 2, None, 5.0), "--wait is a finite time, and needs --scheduler"),
+        ((None, None, "tcp://a:1", float("inf")), "--wait is a finite time"),
     ],
 )
 def test_options_that_contradict_one_another_are_refused(tmp_path, options, said):
     with pytest.raises(click.UsageError, match=said):
-        executor_for(*options, tmp_path)
+        executor_for(*options[:3], tmp_path, *options[3:])
 
 
 @pytest.mark.cli

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -54,7 +55,13 @@ def with_executor(command: Callable[..., Any]) -> Callable[..., Any]:
         "--workers", type=click.IntRange(min=1), help="Processes of Dask on this machine, or SLURM jobs."
     )
     scheduler = click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler that runs already.")
-    return executor(workers(scheduler(command)))
+    wait = click.option(
+        "--wait",
+        type=click.FloatRange(min=0.0),
+        metavar="SECONDS",
+        help="Give up once --scheduler has had no workers for so long; by default never.",
+    )
+    return executor(workers(scheduler(wait(command))))
 
 
 def machines_of(executor: str | None, workers: int | None, scheduler: str | None) -> float:
@@ -88,7 +95,9 @@ def refuse_given(reason: str, *names: str) -> None:
             raise click.UsageError(f"{parameter.opts[0]} {reason}")
 
 
-def executor_for(executor: str | None, workers: int | None, scheduler: str | None, folder: Path) -> Executor:
+def executor_for(
+    executor: str | None, workers: int | None, scheduler: str | None, folder: Path, wait: float | None = None
+) -> Executor:
     """Return the executor that the options ask for.
 
     Args:
@@ -96,6 +105,7 @@ def executor_for(executor: str | None, workers: int | None, scheduler: str | Non
         workers: how many, if given.
         scheduler: address of a Dask scheduler, if given.
         folder: the run folder, in which SLURM jobs keep their files.
+        wait: how long a scheduler may be without workers [s], if given.
 
     Raises:
         InputError: the packages for it are not installed.
@@ -106,6 +116,8 @@ def executor_for(executor: str | None, workers: int | None, scheduler: str | Non
         raise click.UsageError(
             f"--scheduler brings its own workers: it does not go with {'--workers' if workers else name}"
         )
+    if wait is not None and (scheduler is None or not math.isfinite(wait)):
+        raise click.UsageError("--wait is a finite time, and needs --scheduler, whose workers are waited for")
     if name == "inline" and workers:
         raise click.UsageError("--executor inline has no --workers: leave one of them out")
     if name == "slurm" and not workers:
@@ -117,7 +129,7 @@ def executor_for(executor: str | None, workers: int | None, scheduler: str | Non
         return Inline()
     if name == "slurm":
         return SlurmExecutor(folder / "jobs", workers or 1)
-    return DaskExecutor(workers or usable_cores(), scheduler)
+    return DaskExecutor(workers or usable_cores(), scheduler, wait)
 
 
 def output_file(default: str) -> Callable[[Any], Any]:

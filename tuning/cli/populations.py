@@ -66,6 +66,7 @@ def montecarlo(
     executor: str | None,
     workers: int | None,
     scheduler: str | None,
+    wait: float | None,
     settings: tuple[str, ...],
     seed: int | None,
     resume: bool,
@@ -84,7 +85,7 @@ def montecarlo(
     if is_arm_study(read_toml(study)):
         from tuning.cli.arms import run_arm_accuracy
 
-        spread = ("executor", "workers", "scheduler")
+        spread = ("executor", "workers", "scheduler", "wait")
         own = ("precision", "sensitivity", "worst", "dry_run", "resume")
         refuse_given("does not go with a study of an arm", *own, *spread)
         return run_arm_accuracy(study, folder, scenarios, settings, seed, as_json, quiet)
@@ -129,7 +130,7 @@ def montecarlo(
     summary = run_population(
         run,
         folder,
-        executor_for(executor, workers, scheduler, folder),
+        executor_for(executor, workers, scheduler, folder, wait),
         rows=sensitivity,
         precision=precision,
         worst=worst,

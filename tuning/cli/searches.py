@@ -73,6 +73,7 @@ def sweep(
     executor: str | None,
     workers: int | None,
     scheduler: str | None,
+    wait: float | None,
     settings: tuple[str, ...],
     seed: int | None,
     resume: bool,
@@ -86,7 +87,7 @@ def sweep(
     loaded = with_grid(loaded, grids, scenarios)
     if dry_run:
         refuse_given("does not go with --dry-run, which goes on with nothing", "resume")
-    where = executor_for(executor, workers, scheduler, folder)
+    where = executor_for(executor, workers, scheduler, folder, wait)
     from tuning.limits import require
     from tuning.needs import of_base, of_sweep
     from tuning.runtime import start_jax
