@@ -31,6 +31,7 @@ from tuning.schema import Seed, Table, read_toml, validate
 from tuning.statistic import Statistic
 from tuning.structures import Chosen, blame, check_choices, combinations, settings_of
 from tuning.tables import merge, put, with_settings
+from tuning.text import Line
 
 SCHEMA_VERSION = 1
 
@@ -44,7 +45,7 @@ class Base(Table):
 
     schema_version: Literal[1]
     kind: str
-    name: str = "unnamed"
+    name: Line = "unnamed"
     provenance: dict[str, Any] = Field(default_factory=dict)
 
 

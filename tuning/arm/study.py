@@ -15,6 +15,7 @@ from tuning.parts.base import AtLeastOne, NonNegative, Positive
 from tuning.resources import choose
 from tuning.schema import Seed, Table, read_toml, validate
 from tuning.tables import merge, with_settings
+from tuning.text import Line
 
 if TYPE_CHECKING:
     from tuning.arm.chain import Chain
@@ -83,9 +84,9 @@ class Tool(Table):
 class Arm(Table):
     """An arm, by one of: a URDF file and the tip's link, joints one by one, Denavit–Hartenberg parameters."""
 
-    urdf: str | None = None
-    base: str | None = None
-    tip: str | None = None
+    urdf: Line | None = None
+    base: Line | None = None
+    tip: Line | None = None
     joints: list[Joint] = Field(default_factory=list)
     dh: list[DhJoint] = Field(default_factory=list)
     convention: Literal["standard", "modified"] = "standard"
@@ -170,7 +171,7 @@ class Accuracy(Table):
 
     msrep: list[NonNegative] = Field(default_factory=lambda: [1e-3, 1e-2, 1e-1, 1.0, 10.0])
     draws: AtLeastOne = 2000
-    run: str | None = None
+    run: Line | None = None
 
 
 class ArmStudy(Table):
@@ -178,7 +179,7 @@ class ArmStudy(Table):
 
     schema_version: Literal[1]
     kind: Literal["arm"]
-    name: str = "unnamed"
+    name: Line = "unnamed"
     seed: Seed = 0
     arm: Arm
     joints: JointStiffness

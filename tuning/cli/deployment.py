@@ -32,6 +32,10 @@ _TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]
     help="Of the simulated one [s].",
 )
 @click.option("--trust", is_flag=True, help="Run the folder's own check.py, even if it is not that of vsajax.")
+@click.option(
+    "--name",
+    help="Prefix of all that is generated, instead of the study's name: two exports in one program need two.",
+)
 @SETTINGS
 @JSON
 @QUIET
@@ -43,6 +47,7 @@ def export(
     recording: Path | None,
     duration: float,
     trust: bool,
+    name: str | None,
     settings: tuple[str, ...],
     as_json: bool,
     quiet: bool,
@@ -66,6 +71,10 @@ def export(
     from tuning.exports.configs import load_exportable
 
     # Mistakes are told before jax is waited for.
+    if name is not None:
+        from tuning.exports.names import checked_name
+
+        checked_name(name, "--name")
     loaded = load_exportable(config, settings)
     if recording is not None:
         refuse_given("does not go with --recording, which has a length of its own", "duration")
@@ -79,7 +88,14 @@ def export(
     from tuning.exports.export import export_config
 
     exported = export_config(
-        config, target, folder, settings=settings, seconds=duration, recording=recording, thorough=thorough
+        config,
+        target,
+        folder,
+        settings=settings,
+        seconds=duration,
+        recording=recording,
+        thorough=thorough,
+        name=name,
     )
     _tell(exported, None if thorough else folder, as_json=as_json, quiet=quiet)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
@@ -11,9 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tuning.exports.c99.naming import RESERVED
 from tuning.exports.configs import Exportable
 from tuning.exports.layout import Path
+from tuning.exports.names import identifier_of
 from tuning.exports.program import StepProgram, program_of
 from tuning.exports.ranges import Limits, Order, Range, orders_of, range_of
 from tuning.logs.reading import read_recording
@@ -103,21 +102,15 @@ class Deployable(ABC):
         """What has `init` and `step`."""
         return self.build()
 
-    def program(self) -> StepProgram:
+    def program(self, name: str | None = None) -> StepProgram:
         """Return the step, traced.
+
+        Args:
+            name: of all that is generated; by default that of the configuration, see `names.identifier_of`.
 
         Raises:
             Untraceable: it cannot leave Python.
         """
-        # The title stands in comments of C and YAML.
-        name = " ".join(self.config.name.replace("*/", "").split())
-        title = f"{name}: {self.title}"
-        return program_of(
-            self.module, self.sample, name=identifier_of(self.config.name), title=title, limits=self.limits
-        )
-
-
-def identifier_of(name: str) -> str:
-    """Return a configuration's name as an identifier of C and FMI that means nothing else there."""
-    clean = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
-    return clean if clean[:1].isalpha() and clean not in RESERVED else f"joint_{clean}".rstrip("_")
+        title = f"{self.config.name}: {self.title}"
+        own = identifier_of(self.config.name) if name is None else name
+        return program_of(self.module, self.sample, name=own, title=title, limits=self.limits)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from tests.tuning.builders import ANTAGONISTIC, SERIAL
 from tuning.exports.c99.printing import decimal
 from tuning.exports.checks.checking import deviation
-from tuning.exports.deployable import identifier_of
 from tuning.exports.layout import told
 from tuning.exports.ranges import Range, range_of
 from tuning.exports.units import base_units
@@ -67,17 +66,6 @@ def test_ranges_are_those_of_the_study_file():
     assert range_of(serial, ("torque", "gear_ratio")) == Range(1.0, None, False, False)
     window = range_of({(): load_config(ANTAGONISTIC).estimator}, ("side", "window"))
     assert window == Range(0.004, 2.0)
-
-
-def test_names_become_identifiers():
-    assert [identifier_of(n) for n in ("sea-sensor", "2nd try", "größe", "", "double", "*/")] == [
-        "sea_sensor",
-        "joint_2nd_try",
-        "gr_e",
-        "joint",
-        "joint_double",
-        "joint",
-    ]
 
 
 def test_a_deviation_is_relative_to_the_value_or_the_typical_one():

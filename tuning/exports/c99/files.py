@@ -16,6 +16,7 @@ from tuning.exports.c99.lowering import Code
 from tuning.exports.c99.naming import identifier
 from tuning.exports.c99.printing import FUNCTIONS, HELPERS, called, decimal, number, place, short, statement, sums
 from tuning.exports.c99.rolling import roll
+from tuning.exports.escaping import comment_of_c, string_of_c
 from tuning.exports.layout import Field, Leaf, Record, Repeated, dotted
 from tuning.exports.program import StepProgram
 from tuning.exports.rendering import render
@@ -140,7 +141,7 @@ def _taken(name: str) -> list[str]:
 
 
 def _refusal_lines(program: StepProgram) -> list[str]:
-    texts = [f'    "{text}",' for text in refusals(program)]
+    texts = [f'    "{string_of_c(text)}",' for text in refusals(program)]
     count = len(texts)
     lines = [f"static const char *const TEXTS[{count}] = {{", *texts, "};"]
     return [*lines, f'return refused >= 0 && refused < {count} ? TEXTS[refused] : "no such number";']
@@ -181,7 +182,7 @@ class _Structs:
             name = f"{wanted}_{number}"
         if name not in self.known:
             self.known[name] = body
-            note = "".join(f"/* {line} */\n" for line in wrapped_words(_ascii(record.meaning), 94)[:3])
+            note = "".join(f"/* {line} */\n" for line in wrapped_words(comment_of_c(record.meaning), 94)[:3])
             found.append(f"{note}typedef struct {name} {{\n{body}}} {name};\n")
         return name
 
@@ -206,6 +207,7 @@ def _remark(leaf: Leaf) -> str:
 
 def comment(code: str, remark: str) -> list[str]:
     """Return a declaration with a remark behind it, or above where that is too long."""
+    remark = comment_of_c(remark)
     if not remark:
         return [code]
     text = f"{code} /* {remark} */"
@@ -223,10 +225,6 @@ def wrapped_words(text: str, width: int) -> list[str]:
         else:
             lines.append(word)
     return lines
-
-
-def _ascii(text: str) -> str:
-    return text.replace("*/", "")
 
 
 def _derived_struct(name: str, derived: tuple[Derived, ...]) -> list[str]:

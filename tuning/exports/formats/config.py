@@ -6,7 +6,9 @@ import json
 from functools import partial
 from typing import Any
 
+from tuning.errors import input_error
 from tuning.exports.artefact import Artefact, Subject
+from tuning.exports.manifest import SHIPPED
 from tuning.study import resolved, to_toml
 
 _USAGE = """```sh
@@ -36,8 +38,23 @@ def write_config(subject: Subject, form: str) -> Artefact:
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     text = to_toml(tables) if form == "toml" else _json(tables)
     files: dict[str, str | bytes] = {f"{noun}.{form}": text, "schema.json": _json(schema)}
-    files |= subject.deployable.companions
+    add_companions(files, subject)
     return Artefact(files, "config", _USAGE.format(command=_COMMANDS[noun], note=_NOTES[form]))
+
+
+def add_companions(files: dict[str, str | bytes], subject: Subject) -> None:
+    """Add the files that a configuration names.
+
+    Raises:
+        InputError: one is called like a file of the export; disks may not tell capitals apart.
+    """
+    taken = {name.lower() for name in (*files, *SHIPPED, "manifest.json")}
+    for name, contents in subject.deployable.companions.items():
+        if name.lower() in taken:
+            raise input_error(
+                name, "is read by the configuration, but an export writes a file of that name", "rename it"
+            )
+        files[name] = contents
 
 
 def _json(tables: Any) -> str:

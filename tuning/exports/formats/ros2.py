@@ -11,6 +11,7 @@ import yaml
 import vsajax
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.c99.printing import decimal
+from tuning.exports.escaping import comment_of_yaml
 from tuning.exports.layout import told
 from tuning.exports.ranges import Range
 from tuning.parts.base import Part
@@ -159,4 +160,5 @@ _Dumper.add_representer(float, _represent)
 
 def _yaml(subject: Subject, tables: dict[str, Any]) -> str:
     text = yaml.dump(tables, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
-    return f"# {subject.program.title}\n# {subject.banner}\n{text}"
+    head = (comment_of_yaml(line) for line in (subject.program.title, subject.banner))
+    return "".join(f"# {line}\n" for line in head) + text

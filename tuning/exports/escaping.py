@@ -1,0 +1,34 @@
+"""Text of the user's in comments, strings and pages of every format: none of it is read as that format's own."""
+
+from __future__ import annotations
+
+import re
+
+from tuning.text import plain
+
+
+def comment_of_c(text: str) -> str:
+    """Return text for a comment of C: it neither ends the comment, begins another, nor continues a line."""
+    return plain(text).replace("*/", "* /").replace("/*", "/ *").replace("??/", "?? /").replace("\\", "/")
+
+
+def string_of_c(text: str) -> str:
+    """Return text for a string literal of C; ``%`` is doubled where it is a format, which ours are not."""
+    quoted = plain(text).replace("\\", "\\\\").replace('"', '\\"')
+    return quoted.replace("??", "?\\?")
+
+
+def comment_of_yaml(text: str) -> str:
+    """Return text for a comment of YAML, which ends with its line."""
+    return plain(text)
+
+
+def text_of_xml(text: str) -> str:
+    """Return text for an attribute or an element of XML."""
+    pairs = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&#39;"}
+    return "".join(pairs.get(letter, letter) for letter in plain(text))
+
+
+def text_of_markdown(text: str) -> str:
+    """Return text for a page of Markdown, also within a table: nothing in it is markup or HTML."""
+    return re.sub(r"([\\`*\[\]<>#|~$&!]|(?<!\w)_|_(?!\w))", r"\\\1", plain(text))
