@@ -58,7 +58,9 @@ def export(
     of vsajax, never by its own unless they are the same or --trust is given.
     """
     if target is None and folder is None and thorough:
-        refuse_given("does not go with the check of an exported folder", "recording", "duration", "settings")
+        refuse_given(
+            "does not go with the check of an exported folder", "recording", "duration", "name", "settings"
+        )
         from tuning.exports.recheck import check_folder
 
         _tell(check_folder(config, trusted=trust), None, as_json=as_json, quiet=quiet)
