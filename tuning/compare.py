@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import pyarrow.parquet as pq
 from tuning.control_problem import problem_of
 from tuning.errors import InputError, Mistake
 from tuning.grid import Grid
-from tuning.judging import Judgement, judge, paired_interval
+from tuning.judging import Judgement, equal_to_rounding, judge, paired_interval
 from tuning.progress import progress
 from tuning.store import open_run
 from tuning.study import Base, Study, parse_study, resolved, study_hash
@@ -29,6 +30,7 @@ class Contender:
         low: lower end of the difference's 95 % interval.
         high: upper end.
         wins: share of scenarios in which it is better than the first.
+        ties: share of scenarios in which both are equal to rounding.
     """
 
     name: str
@@ -37,6 +39,16 @@ class Contender:
     low: float
     high: float
     wins: float
+    ties: float
+
+    @property
+    def verdict(self) -> str:
+        """What the difference says: "equal" (to rounding), "tie" (its interval holds 0), "better" or "worse"."""
+        if self.ties == 1.0:
+            return "equal"
+        if not (self.low > 0.0 or self.high < 0.0):
+            return "tie"
+        return "worse" if self.low > 0.0 else "better"
 
 
 def contenders(configs: Mapping[str, Base], study: Study, place: str) -> dict[str, Study]:
@@ -100,6 +112,7 @@ def _pair(names: Sequence[str], scores: Sequence[Mapping[str, np.ndarray]], stud
         both = np.isfinite(score[tune.objective]) & np.isfinite(reference)
         first, own = reference[both], score[tune.objective][both]
         difference = paired_interval(first, own, tune.statistic, seed=seed)
-        wins = float(np.mean(own < first)) if own.size else float("nan")
-        found.append(Contender(name, judge(score, tune, seed=seed), *difference, wins))
+        equal = equal_to_rounding(first, own)
+        wins, ties = (float(np.mean(x)) if own.size else math.nan for x in ((own < first) & ~equal, equal))
+        found.append(Contender(name, judge(score, tune, seed=seed), *difference, wins, ties))
     return found

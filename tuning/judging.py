@@ -12,6 +12,8 @@ from tuning.statistic import Statistic
 from tuning.study import Tune
 
 _RESAMPLES = 5000
+_ROUNDING = 1e-9
+"""Relative difference below which two scores are one: a thousand times the rounding of sums over 1e4 samples."""
 
 
 @dataclass(frozen=True)
@@ -99,19 +101,34 @@ def interval(values: np.ndarray, statistic: Statistic, *, seed: int) -> tuple[fl
     return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
+def equal_to_rounding(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return where scores differ by no more than what the order of their sums does to them.
+
+    The number of cores, and of lanes side by side, change a score of some thousand samples in its last digits.
+    """
+    return np.abs(second - first) <= _ROUNDING * np.maximum(np.abs(first), np.abs(second))
+
+
 def paired_interval(
     first: np.ndarray, second: np.ndarray, statistic: Statistic, *, seed: int
 ) -> tuple[float, float, float]:
-    """Return the statistic of `second` minus that of `first`, and its paired 95 % bootstrap interval."""
+    """Return the statistic of `second` minus that of `first`, and its paired 95 % bootstrap interval.
+
+    Where every scenario has the same difference, the interval is that difference. Scores that are equal to
+    rounding count as equal.
+    """
 
     def difference(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
         return statistic.of(b, axis) - statistic.of(a, axis)
 
     if not first.size:
         return float("nan"), float("nan"), float("nan")
+    second = np.where(equal_to_rounding(first, second), first, second)
     value = float(difference(first, second))
-    if first.size < 2 or not np.ptp(second - first) > 0:
+    if first.size < 2:
         return value, float("nan"), float("nan")
+    if not np.ptp(second - first) > 0:
+        return value, value, value
     found = scipy.stats.bootstrap(
         (first, second),
         difference,

@@ -176,7 +176,8 @@ def run_population(
         inner = folder / "design"
         beside = planned.open(inner, resume=resume and inner.exists())
         design = _columns(read_table(complete(beside, executor, f"design {planned.size}", quiet=quiet)))
-    return summarise(columns, design, population.study.population, population.factors, objective, worst)
+    study, factors = population.study, population.factors
+    return summarise(columns, design, study.population, factors, objective, worst, seed=study.seed)
 
 
 def _is_precise(columns: Columns, objective: str, precision: float) -> bool:

@@ -25,6 +25,7 @@ from tuning.store import write_text
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 _COMPARE = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+_RESAMPLES = 999
 _MATTERS = 0.05
 """Share of the variance from which a factor is said to matter."""
 Columns = Mapping[str, np.ndarray]
@@ -110,13 +111,16 @@ def has_failed(columns: Columns, name: str, text: str) -> np.ndarray:
     return _COMPARE[comparison](values, limit) | np.isnan(values) | (columns["status"] != Status.OK)
 
 
-def sobol_influences(design: Columns, factors: Sequence[str], metric: str) -> tuple[dict[str, Influence], int]:
-    """Return Sobol indices of log10 of a metric from the scores of a Saltelli design, by SciPy.
+def sobol_influences(
+    design: Columns, factors: Sequence[str], metric: str, *, seed: int = 0
+) -> tuple[dict[str, Influence], int]:
+    """Return Sobol indices of log10 of a metric from the scores of a Saltelli design.
 
     Args:
         design: columns of the design: matrices A, B, and A with each factor's columns of B, one after the other.
         factors: names, in the design's order.
         metric: a positive metric.
+        seed: of the bootstrap, so that the intervals repeat to the bit.
 
     Returns:
         The influences by factor, and how many scenarios had to be replaced by the worst finite one.
@@ -127,23 +131,47 @@ def sobol_influences(design: Columns, factors: Sequence[str], metric: str) -> tu
         return {}, int(values.size)
     filled = np.log10(np.where(usable, values, values[usable].max()))
     rows = filled.size // (len(factors) + 2)
-    first, second, *mixed = filled.reshape(len(factors) + 2, 1, rows)
     if not np.ptp(filled) > 0:
         return {}, int(np.sum(~usable))
+    matrices = filled.reshape(len(factors) + 2, rows)
+    matrices = matrices - matrices[:2].mean()
     with warnings.catch_warnings():
         # A factor without any effect has no scatter to resample: its interval is then the value.
         warnings.simplefilter("ignore", RuntimeWarning)
-        found = scipy.stats.sobol_indices(func={"f_A": first, "f_B": second, "f_AB": np.stack(mixed)}, n=rows)
-        spread = found.bootstrap(0.95)
-    orders = ((found.first_order, spread.first_order), (found.total_order, spread.total_order))
-    indices = [_intervals(value, ends.confidence_interval) for value, ends in orders]
-    return {name: Influence(*both) for name, *both in zip(factors, *indices, strict=True)}, int(np.sum(~usable))
+        # Not the bootstrap of scipy.stats.sobol_indices: it draws from no seed, and takes no single factor.
+        spread = scipy.stats.bootstrap(
+            [np.arange(rows)],
+            lambda row: _sobol_indices(matrices[:, row]),
+            vectorized=False,
+            n_resamples=_RESAMPLES,
+            method="BCa",
+            rng=np.random.default_rng(seed),
+        )
+    first, total = _intervals(_sobol_indices(matrices), spread.confidence_interval)
+    return dict(zip(factors, map(Influence, first, total), strict=True)), int(np.sum(~usable))
 
 
-def _intervals(values: np.ndarray, ends: Any) -> list[Interval]:
-    found = zip(np.ravel(values), np.ravel(ends.low), np.ravel(ends.high), strict=True)
-    filled = ((v, v if np.isnan(low) else low, v if np.isnan(high) else high) for v, low, high in found)
-    return [Interval(float(v), float(low), float(high)) for v, low, high in filled]
+def _sobol_indices(matrices: np.ndarray) -> np.ndarray:
+    """Return `(2, factor)` first-order and total indices from the `(matrix, row)` values of a Saltelli design.
+
+    With A, B and Aᵢ (A with factor i's columns of B): Sᵢ = mean(B (Aᵢ − A))/V and Tᵢ = mean((A − Aᵢ)²)/2V, where
+    V is the variance over A and B.
+
+    References:
+        Saltelli et al., Variance based sensitivity analysis of model output, Computer Physics Communications 181
+        (2010), table 2, (b) and (f).
+    """
+    a, b, mixed = matrices[0], matrices[1], matrices[2:]
+    first = np.mean(b * (mixed - a), axis=-1)
+    total = 0.5 * np.mean((a - mixed) ** 2, axis=-1)
+    variance = np.var(matrices[:2])
+    return np.stack([first, total]) / variance if variance > 0.0 else np.zeros((2, len(mixed)))
+
+
+def _intervals(values: np.ndarray, ends: Any) -> list[list[Interval]]:
+    low, high = (np.where(np.isnan(end), values, end) for end in (ends.low, ends.high))
+    numbers = zip(values.tolist(), low.tolist(), high.tolist(), strict=True)
+    return [[Interval(*one) for one in zip(*rows, strict=True)] for rows in numbers]
 
 
 def summarise(
@@ -153,6 +181,8 @@ def summarise(
     factors: Sequence[str],
     objective: str,
     worst: int,
+    *,
+    seed: int = 0,
 ) -> Summary:
     """Summarise a Monte Carlo run.
 
@@ -163,6 +193,7 @@ def summarise(
         factors: names of the design's factors.
         objective: the metric that correlations, influences and the worst cases are about.
         worst: how many of the worst to list.
+        seed: of what is resampled.
     """
     status = columns["status"]
     counted = status == Status.OK
@@ -172,7 +203,9 @@ def summarise(
         m: {level: quantile(kept[m][~np.isnan(kept[m])], level) for level in LEVELS} for m in METRICS if m in kept
     }
     failures = {name: probability(has_failed(columns, name, text)) for name, text in population.failures.items()}
-    influences, unexplained = ({}, 0) if design is None else sobol_influences(design, factors, objective)
+    influences, unexplained = (
+        ({}, 0) if design is None else sobol_influences(design, factors, objective, seed=seed)
+    )
     # Scenarios without scores are the worst of all.
     badness = np.where(counted & ~np.isnan(columns[objective]), columns[objective], np.inf)
     order = np.argsort(-badness, kind="stable")[:worst]

@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -29,6 +29,8 @@ from tuning.store import open_run, versions, write_text
 from tuning.study import DampingStudy, Study, numeric_paths, resolved, study_hash, to_toml, with_numbers
 from vsajax import Scores
 
+_SHOWN = 10
+"""Screened points that are told of."""
 Method = Literal["gradient", "grid", "hybrid", "tpe", "cmaes", "pareto"]
 
 
@@ -44,6 +46,8 @@ class Tuned:
         before: the study's own numbers on the held-out scenarios.
         evaluations: scored configurations: points and optimiser steps.
         seconds: that they took, compilation included.
+        screened: the best of the points that were scored on the training scenarios ahead of any start, best first:
+            the statistic of the objective, and the numbers by path.
     """
 
     values: dict[str, float]
@@ -53,6 +57,7 @@ class Tuned:
     before: Judgement
     evaluations: int = 0
     seconds: float = 0.0
+    screened: list[tuple[float, dict[str, float]]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -184,6 +189,7 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
         search.judge(search.own, "held_out", study.scenarios.held_out),
         len(points) + sum(outcome.steps for outcome in outcomes),
         seconds,
+        [(float(screened["objective"][i]), candidates[n]) for n, i in enumerate(order[:_SHOWN])],
     )
     source = {"method": search.method, "algorithm": search.algorithm}
     write_best(study, study, tuned, source, folder / "best.toml")

@@ -158,3 +158,17 @@ def test_intervals_of_small_studies_cover_the_value_of_a_large_one():
     print({name: hit / studies for name, hit in hits.items()})
     for hit in hits.values():
         assert 0.90 <= hit / studies <= 0.99
+
+
+@pytest.mark.cli
+@pytest.mark.parametrize("settings", [(), ("population.vary={}",)], ids=["a population", "none"])
+def test_a_design_repeats_to_the_bit_and_may_have_one_factor(settings, vsajax, tmp_path):
+    words = [word for setting in (*SMALL, *TINY, *settings) for word in ("--set", setting)]
+    call = ["montecarlo", SERIAL, "--scenarios", "16", "--sensitivity", "16", *words]
+    summaries = []
+    for run, more in (("one", []), ("two", []), ("two", ["--resume"])):
+        ended = vsajax(*call, "-o", tmp_path / run, *more)
+        assert (ended.code, ended.err) == (0, "")
+        summaries.append((tmp_path / run / "summary.json").read_bytes())
+    assert summaries[0] == summaries[1] == summaries[2]
+    assert list(json.loads(summaries[0])["influences"]) == ["noise draw"]

@@ -115,3 +115,19 @@ def test_a_summary_with_infinite_numbers_is_json(tmp_path):
 def test_a_study_keeps_its_failures():
     study = small_serial("population.failures={late='known_time > 0.1'}")
     assert study.population.failures == {"late": "known_time > 0.1"}
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("factors", [1, 2, 5])
+def test_influences_are_scipys_and_repeat_to_the_bit_even_of_one_factor(factors):
+    names = [f"x{i}" for i in range(factors)]
+    values = np.random.default_rng(factors).lognormal(size=(factors + 2, 1, 64))
+    columns = rows(values.size, msrep=values.reshape(-1))
+    found, lost = sobol_influences(columns, names, "msrep", seed=7)
+    assert (found, lost) == sobol_influences(columns, names, "msrep", seed=7)
+    assert found != sobol_influences(columns, names, "msrep", seed=8)[0]
+    if factors > 1:
+        a, b, *mixed = np.log10(values)
+        scipys = stats.sobol_indices(func={"f_A": a, "f_B": b, "f_AB": np.stack(mixed)}, n=64)
+        np.testing.assert_allclose([one.first.value for one in found.values()], scipys.first_order, rtol=1e-10)
+        np.testing.assert_allclose([one.total.value for one in found.values()], scipys.total_order, rtol=1e-10)

@@ -17,6 +17,7 @@ from tuning.cli.options import (
     SEED,
     SETTINGS,
     STUDY,
+    between,
     emit,
     table,
     with_seed,
@@ -164,8 +165,10 @@ def _compared(
             "difference_low": contender.low,
             "difference_high": contender.high,
             "wins": contender.wins,
+            "ties": contender.ties,
+            "verdict": contender.verdict if i else "first",
         }
-        for contender in found
+        for i, contender in enumerate(found)
     ]
 
     def text() -> str:
@@ -176,23 +179,34 @@ def _compared(
             "median",
             "minus first",
             "95 %",
-            "better than first",
+            "than the first",
         ]
         lines = [
             [
                 c.name,
                 c.judgement.value,
-                f"{c.judgement.low:.4g} … {c.judgement.high:.4g}",
+                between(c.judgement.low, c.judgement.high) or "–",
                 c.judgement.median,
                 c.difference,
-                f"{c.low:.4g} … {c.high:.4g}" if i else "–",
-                f"{100 * c.wins:.0f} % of {c.judgement.scenarios}" if i else "–",
+                (between(c.low, c.high) if i else "") or "–",
+                _against_first(c) if i else "–",
             ]
             for i, c in enumerate(found)
         ]
-        return table(headers, lines)
+        tied = [c.name for c in found[1:] if c.verdict in {"tie", "equal"}]
+        said = [f"no difference is shown from the first: {', '.join(tied)}"] if tied else []
+        return "\n".join([table(headers, lines), *said])
 
     return rows, text, picture
+
+
+def _against_first(contender: Contender) -> str:
+    """Return what the paired scores say of a configuration against the first."""
+    if contender.verdict == "equal":
+        return f"equal to rounding in all of {contender.judgement.scenarios}"
+    share = f"better in {100 * contender.wins:.0f} % of {contender.judgement.scenarios}"
+    share += f", equal in {100 * contender.ties:.0f} %" if contender.ties else ""
+    return f"{'a tie' if contender.verdict == 'tie' else contender.verdict}; {share}"
 
 
 def _labels(paths: tuple[Path, ...]) -> list[str]:

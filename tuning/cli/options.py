@@ -190,6 +190,11 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join(line.rstrip() for line in capture.get().splitlines())
 
 
+def between(low: float, high: float, form: str = ".4g") -> str:
+    """Return an interval in brackets; nothing where there is none, as too few values scatter."""
+    return "" if low != low or high != high else f"[{low:{form}}, {high:{form}}]"
+
+
 def _plain(value: Any) -> Any:
     """Return a value as JSON can hold it: paths as text, and numbers that JSON lacks as null."""
     if isinstance(value, Mapping):

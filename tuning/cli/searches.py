@@ -17,6 +17,7 @@ from tuning.cli.options import (
     SEED,
     SETTINGS,
     STUDY,
+    between,
     emit,
     executor_for,
     machines_of,
@@ -237,7 +238,8 @@ def tune(
 
         search = plan_search(loaded, method, algorithm, str(study))
         tuned = run_tuning(search, folder, resume=resume, quiet=quiet)
-        report, lines = _refined(tuned, search.paths, loaded.tune.objective)
+        tell = _gridded if method == "grid" else _refined
+        report, lines = tell(tuned, search.paths, loaded.tune.objective)
     from tuning.figures import draw_tuning, save
     from tuning.judging import unit_of
 
@@ -262,7 +264,7 @@ def tune(
     def text() -> str:
         unit = unit_of(loaded.tune.objective)
         judged = [
-            f"{name:<28} {j.value:.4g}{unit}  [{j.low:.4g}, {j.high:.4g}]  median {j.median:.4g}{unit}  "
+            f"{name:<28} {j.value:.4g}{unit}  {between(j.low, j.high)}  median {j.median:.4g}{unit}  "
             + ("" if j.msrep_mean is None else f"msrep {j.msrep_mean:.4g} %  settled {j.settled_mean:.2g} %  ")
             + f"converged in {j.convergence_time:.3f} s"
             for name, j in (
@@ -299,6 +301,16 @@ def _refined(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict
     ]
     rows = [[i, *o.values.values(), o.objective, o.steps, o.message] for i, o in enumerate(tuned.outcomes)]
     return {"starts": [asdict(outcome) for outcome in tuned.outcomes]}, [table(headers, rows)]
+
+
+def _gridded(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict[str, Any], list[str]]:
+    """Return what is reported of the points of a grid, for machines and for people."""
+    from tuning.judging import unit_of
+
+    headers = ["", *(p.removeprefix("estimator.") for p in paths), f"train {objective}{unit_of(objective)}"]
+    rows = [[n + 1, *values.values(), score] for n, (score, values) in enumerate(tuned.screened[:5])]
+    points = [values | {"objective": score} for score, values in tuned.screened]
+    return {"points": points}, [f"the best of {tuned.evaluations} points:", table(headers, rows)]
 
 
 def _explored(explored: Explored, method: str, study: Study, folder: Path) -> tuple[dict[str, Any], list[str]]:

@@ -86,7 +86,8 @@ class FinishedRun:
         beside = self.folder / "design" / "results.parquet"
         design = _columns(beside) if beside.is_file() else None
         factors = MonteCarlo(self.study, self.columns["status"].size).factors
-        return summarise(self.columns, design, self.study.population, factors, self.objective, _WORST)
+        study, objective = self.study, self.objective
+        return summarise(self.columns, design, study.population, factors, objective, _WORST, seed=study.seed)
 
     @cached_property
     def axes(self) -> dict[str, list[float]]:
