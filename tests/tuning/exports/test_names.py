@@ -19,7 +19,7 @@ import yaml
 
 from tests.tuning.exports.native import needs_compiler
 from tuning.errors import InputError
-from tuning.exports.artefact import Subject
+from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.configs import load_exportable
 from tuning.exports.deployables import deployable_of
 from tuning.exports.escaping import comment_of_c, string_of_c, text_of_markdown, text_of_xml
@@ -192,7 +192,7 @@ def test_a_name_with_a_character_that_is_not_shown_is_refused_by_check(vsajax, t
 def test_a_urdf_does_not_take_the_place_of_a_file_of_the_export(name):
     subject: Any = SimpleNamespace(deployable=SimpleNamespace(companions={name: b"<robot/>"}))
     with pytest.raises(InputError, match="an export writes a file of that name"):
-        add_companions({"designer.toml": "", "schema.json": ""}, subject)
+        add_companions(Artefact({"designer.toml": "", "schema.json": ""}, "config", ""), subject)
 
 
 @pytest.mark.cli

@@ -38,23 +38,24 @@ def write_config(subject: Subject, form: str) -> Artefact:
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     text = to_toml(tables) if form == "toml" else _json(tables)
     files: dict[str, str | bytes] = {f"{noun}.{form}": text, "schema.json": _json(schema)}
-    add_companions(files, subject)
-    return Artefact(files, "config", _USAGE.format(command=_COMMANDS[noun], note=_NOTES[form]))
+    artefact = Artefact(files, "config", _USAGE.format(command=_COMMANDS[noun], note=_NOTES[form]))
+    add_companions(artefact, subject)
+    return artefact
 
 
-def add_companions(files: dict[str, str | bytes], subject: Subject) -> None:
+def add_companions(artefact: Artefact, subject: Subject) -> None:
     """Add the files that a configuration names.
 
     Raises:
         InputError: one is called like a file of the export; disks may not tell capitals apart.
     """
-    taken = {name.lower() for name in (*files, *SHIPPED, "manifest.json")}
+    taken = {name.lower() for name in (*artefact.files, *artefact.scripts, *SHIPPED, "manifest.json")}
     for name, contents in subject.deployable.companions.items():
         if name.lower() in taken:
             raise input_error(
                 name, "is read by the configuration, but an export writes a file of that name", "rename it"
             )
-        files[name] = contents
+        artefact.files[name] = contents
 
 
 def _json(tables: Any) -> str:
