@@ -1,13 +1,11 @@
 """Tuning without derivatives: Optuna asks for batches of trials, which run as lanes of one compiled program.
 
-RUN/optuna.log   Optuna's journal of all trials; it ends each batch with a mark, up to which a killed run resumes
+RUN/optuna.log   Optuna's journal of all trials; see `journal`
 """
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -20,11 +18,9 @@ from typing import Any, Literal
 import numpy as np
 import optuna
 from optuna.samplers import BaseSampler, CmaEsSampler, TPESampler
-from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend
 
 from tuning.errors import input_error
-from tuning.logs.files import write_table
+from tuning.journal import Journal, open_journal
 from tuning.progress import progress
 from tuning.store import open_run
 from tuning.structures import Chosen
@@ -33,7 +29,6 @@ from tuning.tune import Search, Tuned, nothing_to_tune, write_best
 
 BlackBoxMethod = Literal["tpe", "cmaes", "pareto"]
 
-_MARK = "whole_batches"
 _FAILED = 1e30
 """Told of a trial without a finite score: all samplers go by ranks, and learn to stay away from it."""
 
@@ -206,12 +201,12 @@ def explore(
     Raises:
         InputError: the folder holds another run, or no trial had a finite score.
     """
-    open_run(folder, "tune", box.study, {"method": box.method, "batch": box.batch}, [], resume=resume)
+    store = open_run(folder, "tune", box.study, {"method": box.method, "batch": box.batch}, [], resume=resume)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    journal = open_journal(folder / "optuna.log", 2 if box.method == "pareto" else 1)
-    if _MARK not in journal.user_attrs:
+    journal = open_journal(store, 2 if box.method == "pareto" else 1)
+    if journal.batches == 0:
         for first in box.own():
-            journal.enqueue_trial(first)
+            journal.study.enqueue_trial(first)
     with progress(f"tune ({box.method})", trials, quiet=quiet) as advance:
         done = read_trials(journal)
         advance(min(len(done), trials))
@@ -220,62 +215,38 @@ def explore(
             run_batch(box, journal, count, began)
             done = read_trials(journal)
             advance(count)
-    write_table(folder / "results.parquet", _columns(box, done))
+    store.write_results(_columns(box, done))
     return _conclude(box, done, folder)
 
 
-def run_batch(box: BlackBox, journal: optuna.Study, count: int, began: float) -> None:
+def run_batch(box: BlackBox, journal: Journal, count: int, began: float) -> None:
     """Ask for some trials, evaluate them, tell their scores, and mark the journal."""
-    number = journal.user_attrs.get(_MARK, 0)
-    journal.sampler = box.sampler(number, journal)
-    asked = [journal.ask() for _ in range(count)]
+    search = journal.study
+    search.sampler = box.sampler(journal.batches, search)
+    asked = [search.ask() for _ in range(count)]
     scores = box.evaluate([box.suggest(trial) for trial in asked])
     seconds = time.perf_counter() - began
     for trial, score in zip(asked, scores, strict=True):
         # JSON has no NaN that every reader takes.
         kept = [float(x) if math.isfinite(x) else None for x in score]
         trial.set_user_attr("scored", {"objective": kept[0], "convergence_time": kept[1], "seconds": seconds})
-        journal.tell(trial, box.told(score))
-    journal.set_user_attr(_MARK, number + 1)
+        search.tell(trial, box.told(score))
+    journal.mark()
 
 
-def open_journal(path: Path, objectives: int) -> optuna.Study:
-    """Return the Optuna study in a journal, cut back to its last whole batch; a new one where there is none.
+def read_trials(journal: Journal) -> list[Trial]:
+    """Return the finished trials of a journal.
 
-    Trials that were asked for, but not all told, would otherwise stay in the samplers' history.
+    Raises:
+        InputError: it holds trials that no such search wrote.
     """
-    # A killed process leaves its lock behind; a run folder has one process at a time.
-    path.with_name(f"{path.name}.lock").unlink(missing_ok=True)
-    if path.exists():
-        os.truncate(path, _whole_batches(path))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        storage = JournalStorage(JournalFileBackend(str(path)))
-        directions = [optuna.study.StudyDirection.MINIMIZE] * objectives
-        return optuna.create_study(storage=storage, study_name="tune", directions=directions, load_if_exists=True)
-
-
-def _whole_batches(path: Path) -> int:
-    """Return the length in bytes of a journal up to its last mark."""
-    length = end = 0
-    with path.open("rb") as lines:
-        for line in lines:
-            length += len(line)
-            try:
-                entry = json.loads(line)
-            except ValueError:
-                break  # Half a line: the process was killed while it wrote.
-            if _MARK in entry.get("user_attr", {}):
-                end = length
-    return end
-
-
-def read_trials(journal: optuna.Study) -> list[Trial]:
-    """Return the finished trials of a journal."""
-    finished = journal.get_trials(deepcopy=False, states=[optuna.trial.TrialState.COMPLETE])
+    finished = journal.study.get_trials(deepcopy=False, states=[optuna.trial.TrialState.COMPLETE])
     prefix = _choice_key("")
     found = []
     for trial in finished:
+        if "scored" not in trial.user_attrs:
+            problem = f"has no scores of trial {trial.number}"
+            raise input_error(journal.path, problem, "remove it; --resume asks for its trials again")
         scored = {k: math.nan if x is None else x for k, x in trial.user_attrs["scored"].items()}
         chosen = {p.removeprefix(prefix): option for p, option in trial.params.items() if p.startswith(prefix)}
         values = {path: value for path, value in trial.params.items() if not path.startswith(prefix)}

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from tuning.control_problem import problem_of
 from tuning.errors import InputError, Mistake
@@ -88,10 +87,9 @@ def compare(
     scores: list[dict[str, np.ndarray]] = []
     with progress("compare", len(names), quiet=quiet) as advance:
         for chunk, (name, study) in zip(store.chunks, studies.items(), strict=True):
-            if chunk in set(store.pending()):
+            if not store.is_finished(chunk):
                 store.write_chunk(chunk, _score(name, study))
-            table = pq.read_table(folder / "chunks" / f"{chunk}.parquet")
-            scores.append({column: table[column].to_numpy() for column in table.column_names})
+            scores.append(store.read_chunk(chunk))
             advance()
     store.finish()
     return _pair(names, scores, first)

@@ -74,12 +74,13 @@ def contest(
     if len(found) < 2:
         fix = 'add some, e.g. [tune.choices.basis.lean] "estimator.basis.deflection_terms" = 2'
         raise input_error(f"{place}: tune.choices", "leave fewer than two contestants", fix)
-    open_run(folder, "contest", study, {"method": method, "batch": batch, "trials": trials}, [], resume=resume)
-    entrants = [_tune(chosen, own, folder, method, trials, batch, resume, quiet) for chosen, own in found]
+    plan = {"method": method, "batch": batch, "trials": trials}
+    store = open_run(folder, "contest", study, plan, [], resume=resume)
+    entrants = [_tune(chosen, own, store.folder, method, trials, batch, resume, quiet) for chosen, own in found]
     entrants.sort(key=lambda entrant: entrant.train)
     # Named by their files, from which `vsajax report` simulates them again.
     configs = {str(entrant.path): load_config(entrant.path) for entrant in entrants}
-    judged = compare(contenders(configs, study, place), folder / "compare", resume=resume, quiet=quiet)
+    judged = compare(contenders(configs, study, place), store.folder / "compare", resume=resume, quiet=quiet)
     return [replace(one, judged=by) for one, by in zip(entrants, judged, strict=True)]
 
 

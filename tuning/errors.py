@@ -48,6 +48,10 @@ class InputError(ValueError):
         self.mistakes = mistakes
         super().__init__("\n".join(str(mistake) for mistake in mistakes))
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[Mistake, ...]]:
+        # A worker's error is one here too.
+        return InputError, self.mistakes
+
 
 def input_error(place: object, problem: str, fix: str = "") -> InputError:
     """Return an `InputError` with a single mistake."""

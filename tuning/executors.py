@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import shutil
 import signal
+import sys
 import threading
 import time
 import uuid
@@ -20,13 +21,11 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-import pyarrow as pa
-
-from tuning.errors import input_error
+from tuning.errors import InputError, input_error
 from tuning.progress import progress
 from tuning.scheduler import CONNECT_WITHIN, Patience, require_scheduler, unreachable
-from tuning.store import RunStore, read_table
-from tuning.work import Columns, planner_of, result_file, run_chunk, run_share, spec_of
+from tuning.store import RunStore, columns_of, is_file, read_sealed
+from tuning.work import Columns, planner_of, result_file, run_chunk, run_of, run_share, spec_of
 
 Results = Generator[tuple[str, Columns], None, None]
 
@@ -201,8 +200,7 @@ class SlurmExecutor:
                 shares.append(_Share(list(chunks[i::count]), lambda missing: submit(spec, missing)))
             while shares:
                 for share in shares:
-                    for chunk in share.collect(folder):
-                        yield chunk, _columns(read_table(result_file(folder, chunk)))
+                    yield from share.collect(folder, run_of(spec))
                 shares = [share for share in shares if not share.ended]
                 time.sleep(_LOOK_EVERY)
         finally:
@@ -241,11 +239,19 @@ class _Share:
         self.fruitless = 0
         self.ended = False
 
-    def collect(self, folder: Path) -> list[str]:
-        """Return the chunks that have come since the last time; a job that left some out is submitted again."""
+    def collect(self, folder: Path, run: str) -> Iterator[tuple[str, Columns]]:
+        """Yield the chunks that have come since the last time; a job that left some out is submitted again.
+
+        A file that is not as its job sealed it counts as left out.
+        """
         # In this order: all that an ended job has left is there.
         job_ended = self.job.done()
-        arrived = [chunk for chunk in self.missing if result_file(folder, chunk).exists()]
+        arrived = []
+        for chunk in self.missing:
+            columns = _collected(result_file(folder, chunk), run, chunk)
+            if columns is not None:
+                arrived.append(chunk)
+                yield chunk, columns
         self.missing = [chunk for chunk in self.missing if chunk not in arrived]
         if arrived:
             self.fruitless = 0
@@ -259,17 +265,24 @@ class _Share:
                 )
             self.job = self.submit(self.missing)
         self.ended = job_ended and not self.missing
-        return arrived
+
+
+def _collected(path: Path, run: str, chunk: str) -> Columns | None:
+    """Return what a job has left of a chunk, if it has come, and whole."""
+    if not is_file(path):
+        return None
+    try:
+        return columns_of(read_sealed(path, run, chunk))
+    except InputError as error:
+        print(f"note: {path} {error.mistakes[0].problem}; it is computed again", file=sys.stderr)
+        path.unlink(missing_ok=True)
+        return None
 
 
 def _last_line(job: Any) -> str:
     lines = str(job.exception()).strip().splitlines()
     told = [line for line in lines if line.strip("- ") and not line.startswith(("You can check", "  - "))]
     return told[-1].strip() if told else "it says nothing"
-
-
-def _columns(table: pa.Table) -> Columns:
-    return {name: table[name].to_numpy() for name in table.column_names}
 
 
 def _require(package: str) -> None:

@@ -17,14 +17,13 @@ from typing import Any, Self
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pyarrow as pa
 import scipy
 
 from tuning.control_problem import AnyProblem, problem_of
 from tuning.executors import Executor, complete
 from tuning.problem import Outcome, Scenario, draw_scenarios, stream_key
 from tuning.robustness import Columns, Summary, quantile, summarise
-from tuning.store import RunStore, open_run, read_table
+from tuning.store import RunStore, columns_of, open_run, read_table
 from tuning.study import Study, numeric_paths
 from vsajax import rollout
 
@@ -166,7 +165,7 @@ def run_population(
     count = len(store.chunks) if precision is None else min(_FIRST_LOOK, len(store.chunks))
     while True:
         part = replace(store, manifest={**store.manifest, "chunks": store.chunks[:count]})
-        columns = _columns(read_table(complete(part, executor, f"montecarlo {population.size}", quiet=quiet)))
+        columns = columns_of(read_table(complete(part, executor, f"montecarlo {population.size}", quiet=quiet)))
         if count == len(store.chunks) or _is_precise(columns, objective, precision or math.inf):
             break
         count = min(2 * count, len(store.chunks))
@@ -175,7 +174,7 @@ def run_population(
         planned = MonteCarlo(population.study, population.scenarios, rows)
         inner = folder / "design"
         beside = planned.open(inner, resume=resume and inner.exists())
-        design = _columns(read_table(complete(beside, executor, f"design {planned.size}", quiet=quiet)))
+        design = columns_of(read_table(complete(beside, executor, f"design {planned.size}", quiet=quiet)))
     study, factors = population.study, population.factors
     return summarise(columns, design, study.population, factors, objective, worst, seed=study.seed)
 
@@ -183,10 +182,6 @@ def run_population(
 def _is_precise(columns: Columns, objective: str, precision: float) -> bool:
     found = quantile(columns[objective][~np.isnan(columns[objective])], 0.95)
     return max(found.high - found.value, found.value - found.low) <= precision * abs(found.value)
-
-
-def _columns(table: pa.Table) -> dict[str, np.ndarray]:
-    return {name: table[name].to_numpy() for name in table.column_names}
 
 
 def forecast(run: MonteCarlo) -> dict[str, float]:

@@ -21,6 +21,7 @@ import scipy
 from tuning.judging import unit_of
 from tuning.population import METRICS, Population, parse_failure
 from tuning.problem import Status
+from tuning.seal import seal_tables
 from tuning.store import write_text
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
@@ -273,5 +274,6 @@ def _sentences(summary: Summary, population: Population, objective: str) -> list
 
 
 def write_summary(summary: Summary, path: Path) -> None:
-    """Write a summary as JSON; infinite and missing numbers become text."""
-    write_text(path, json.dumps(json.loads(json.dumps(summary.as_tables()), parse_constant=str), indent=2) + "\n")
+    """Write a summary as JSON with its seal; infinite and missing numbers become text."""
+    tables = json.loads(json.dumps(summary.as_tables()), parse_constant=str)
+    write_text(path, json.dumps(seal_tables(tables), indent=2) + "\n")

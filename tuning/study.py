@@ -255,7 +255,12 @@ def resolved(config: Table) -> dict[str, Any]:
 
 def study_hash(config: Table) -> str:
     """Return a hash of all that determines a study's results; its name and provenance do not."""
-    tables = {k: v for k, v in resolved(config).items() if k not in {"name", "provenance"}}
+    return hash_resolved(resolved(config))
+
+
+def hash_resolved(resolved_tables: Mapping[str, Any]) -> str:
+    """Return the hash of a study from its resolved tables, as `study_hash` does."""
+    tables = {k: v for k, v in resolved_tables.items() if k not in {"name", "provenance"}}
     return hashlib.sha256(json.dumps(tables, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -14,7 +14,6 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pyarrow.parquet as pq
 
 from tuning.control_problem import AnyProblem, problem_of
 from tuning.descent import Algorithm
@@ -158,13 +157,12 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
     with progress(f"tune ({search.method})", len(chunks), quiet=quiet) as advance:
 
         def finished(chunk: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-            if chunk in set(store.pending()):
+            if not store.is_finished(chunk):
                 begin, rows = time.perf_counter(), compute()
                 taken = (time.perf_counter() - begin) / max(1, len(rows["objective"]))
                 store.write_chunk(chunk, rows | {"seconds": np.full(len(rows["objective"]), taken)})
             advance()
-            table = pq.read_table(folder / "chunks" / f"{chunk}.parquet")
-            return {name: table[name].to_numpy() for name in table.column_names}
+            return store.read_chunk(chunk)
 
         screened = finished("screen", lambda: _screen(search))
         points = np.stack([screened[path] for path in search.space.paths], axis=1)

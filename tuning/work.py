@@ -38,16 +38,25 @@ def spec_of(manifest: Mapping[str, Any]) -> str:
     The flags of XLA go along: among them the number of devices, by which lanes are grouped. A worker with other
     flags would round differently in the last digit.
     """
+    from tuning.store import run_id
+
     spec = {key: manifest[key] for key in ("command", "study", "plan")}
-    return json.dumps(spec | {"xla_flags": os.environ.get("XLA_FLAGS", "")})
+    own = {"run": run_id(manifest), "files": manifest.get("files", {})}
+    return json.dumps(spec | own | {"xla_flags": os.environ.get("XLA_FLAGS", "")})
 
 
 @functools.lru_cache(maxsize=2)
 def planner_of(spec: str) -> Planner:
-    """Return what `spec` says is computed; this process keeps it, and with it what it compiles."""
+    """Return what `spec` says is computed; this process keeps it, and with it what it compiles.
+
+    Raises:
+        InputError: a file that the study names holds something else here than where the run was begun.
+    """
+    from tuning.inputs import check_inputs
     from tuning.study import parse_study
 
     given = json.loads(spec)
+    check_inputs(given["files"], "the run folder")
     module, _, name = _PLANNERS[given["command"]].partition(":")
     planner = getattr(importlib.import_module(module), name)
     return planner.from_plan(parse_study(given["study"], "manifest.json: study"), given["plan"])
@@ -61,13 +70,18 @@ def run_chunk(spec: str, chunk: str) -> Columns:
 
 
 def run_share(spec: str, chunks: Sequence[str], folder: str) -> None:
-    """Compute chunks into files of a folder; one that is there is not computed again."""
-    from tuning.logs.files import write_table
+    """Compute chunks into sealed files of a folder; one that is there is not computed again."""
+    from tuning.store import write_sealed
 
     for chunk in chunks:
         path = result_file(Path(folder), chunk)
         if not path.exists():
-            write_table(path, run_chunk(spec, chunk))
+            write_sealed(path, run_chunk(spec, chunk), run_of(spec), chunk)
+
+
+def run_of(spec: str) -> str:
+    """Return what the chunks of a run are sealed with."""
+    return json.loads(spec)["run"]
 
 
 def result_file(folder: Path, chunk: str) -> Path:

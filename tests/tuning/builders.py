@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import jax
 
 from tuning.problem import Scenario, Stream, draw_scenarios
 from tuning.resources import CONFIGS
-from tuning.study import Study, load_study
+from tuning.seal import SEALED, seal_tables
+from tuning.study import Study, hash_resolved, load_study
 
 EXAMPLES = sorted(path for path in (CONFIGS / "studies").glob("*.toml") if path.stem != "arm")
 TUNED = sorted((CONFIGS / "tuned").glob("*.toml"))
@@ -71,3 +77,13 @@ def scenarios_of(study: Study, stream: Stream, count: int) -> list[Scenario]:
     """Return the first scenarios of a stream, one by one."""
     drawn = draw_scenarios(study, stream, count)
     return [jax.tree.map(lambda x, i=i: x[i], drawn) for i in range(count)]
+
+
+def edit_manifest(folder: Path, edit: Callable[[dict[str, Any]], Any]) -> None:
+    """Change a manifest in place as if the run had been begun so: its hash and its seal fit."""
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest.pop(SEALED)
+    edit(manifest)
+    manifest["study_hash"] = hash_resolved(manifest["study"])
+    path.write_text(json.dumps(seal_tables(manifest)))

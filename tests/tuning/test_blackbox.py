@@ -15,6 +15,7 @@ from tuning import blackbox
 from tuning.blackbox import BlackBox, Trial, explore, find_front, plan_blackbox, read_trials
 from tuning.errors import InputError
 from tuning.judging import Judgement
+from tuning.store import RunStore, read_manifest
 from tuning.study import Study, load_study, numeric_paths, resolved
 from tuning.tune import Search, plan_search
 from vsajax import Scores
@@ -334,4 +335,5 @@ def test_a_front_is_reported_drawn_and_interrupted_from_the_shell(vsajax, monkey
     assert "8 evaluations in" in text.out
     assert "holds this run already" in vsajax(*words).err
     assert "holds another run" in vsajax(*words[:-1], "2", "--resume").err
-    assert len(read_trials(blackbox.open_journal(tmp_path / "run" / "optuna.log", 2))) == 8
+    store = RunStore(tmp_path / "run", read_manifest(tmp_path / "run" / "manifest.json"))
+    assert len(read_trials(blackbox.open_journal(store, 2))) == 8

@@ -89,6 +89,7 @@ def test_workers_give_the_bytes_of_a_run_in_one_process(planned, straight, tmp_p
     store = planned.open(run, resume=False)
     assert complete(store, executor, kind) == run / "results.parquet"
     assert held_in(run) == straight
+    del store
     assert sorted(path.name for path in run.iterdir()) == ["chunks", "manifest.json", "results.parquet"]
     assert workers() == []
 

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, TINY
+from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, TINY, edit_manifest
 from tuning import runtime
 from tuning.cli.main import run as run_command
 from tuning.figures import new_figure
@@ -24,6 +24,7 @@ from tuning.report.gather import open_finished, short_names
 from tuning.report.replay import Replay
 from tuning.robustness import Interval
 from tuning.statistic import Statistic
+from tuning.store import RunStore, columns_of, read_manifest, read_results
 
 SHORT = [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]
 LAW = "estimator.fit={ prior_scale = 1.0, law = { type = 'forgetting', forgetting = 0.95 } }"
@@ -208,9 +209,9 @@ def test_two_searches_are_compared_by_their_best(command, runs, tmp_path, vsajax
 
 def test_runs_of_other_seeds_are_not_paired(runs, tmp_path, vsajax):
     copied = shutil.copytree(runs / "montecarlo", tmp_path / "seed")
-    manifest = json.loads((copied / "manifest.json").read_text())
-    manifest["study"]["seed"] = 7
-    (copied / "manifest.json").write_text(json.dumps(manifest))
+    results = read_results(copied)
+    edit_manifest(copied, lambda manifest: manifest["study"].update(seed=7))
+    reseal_results(copied, results)
     ended = vsajax("report", runs / "montecarlo", copied, "-o", tmp_path / "two.html")
     assert ended.code == 0
     assert "nothing is paired" in ended.out
@@ -219,12 +220,15 @@ def test_runs_of_other_seeds_are_not_paired(runs, tmp_path, vsajax):
 
 def test_a_name_cannot_break_the_page(runs, tmp_path, vsajax):
     copied = shutil.copytree(runs / "montecarlo", tmp_path / "<b>$x$")
-    manifest = json.loads((copied / "manifest.json").read_text())
-    manifest["study"]["name"] = "<script>alert(1)</script> $\\frac$"
-    (copied / "manifest.json").write_text(json.dumps(manifest))
+    edit_manifest(copied, lambda manifest: manifest["study"].update(name="<script>alert(1)</script> $\\frac$"))
     for words in ([copied], [copied, runs / "other"]):
         assert vsajax("report", *words, "-o", tmp_path / "report.html").code == 0
         needs_nothing_else(*read_text(tmp_path / "report.html"))
+
+
+def reseal_results(folder, table) -> None:
+    """Write results as if the run had come to them."""
+    RunStore(folder, read_manifest(folder / "manifest.json")).write_results(columns_of(table))
 
 
 def read_text(path) -> tuple[Reader, str]:
@@ -238,9 +242,7 @@ def remove(name):
 
 def shorten(folder):
     """Make a run look like one that was stopped before its precision was reached."""
-    manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["plan"]["scenarios"] = 1000
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+    edit_manifest(folder, lambda manifest: manifest["plan"].update(scenarios=1000))
     (folder / "summary.json").unlink()
 
 
@@ -251,9 +253,10 @@ BROKEN = {
     "no manifest": ("sweep", remove("manifest.json"), ["is no run folder", "montecarlo, sweep, tune or compare"]),
     "bad manifest": ("sweep", lambda f: (f / "manifest.json").write_text("{"), ["cannot be read as a manifest"]),
     "list": ("sweep", lambda f: (f / "manifest.json").write_text("[]"), ["cannot be read as a manifest"]),
+    "lacking": ("sweep", lambda f: (f / "manifest.json").write_text("{}"), ["it lacks command, study_hash, plan"]),
     "other command": (
         "sweep",
-        lambda f: (f / "manifest.json").write_text('{"command": "x", "study": {}, "plan": {}}'),
+        lambda f: edit_manifest(f, lambda manifest: manifest.update(command="x")),
         ["holds a run of 'x'"],
     ),
     "bad results": ("sweep", lambda f: (f / "results.parquet").write_text("x"), ["cannot be read", "--resume"]),
@@ -373,7 +376,7 @@ def diverged(folder):
         table = table.set_column(place, "status", pa.array(np.full(table.num_rows, 3)))
         (folder / "summary.json").unlink()
         shutil.rmtree(folder / "design")
-    pq.write_table(table, path)
+    reseal_results(folder, table)
 
 
 @pytest.mark.parametrize("command", ["montecarlo", "sweep", "compare"])

@@ -12,7 +12,6 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import pyarrow.parquet as pq
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
@@ -21,6 +20,7 @@ from tuning.arm.study import ArmStudy
 from tuning.errors import input_error
 from tuning.figures import ESTIMATE, OTHER, TRUTH, new_figure, save
 from tuning.logs.files import write_table
+from tuning.store import read_results, read_table
 from vsajax import rollout
 from vsajax.control import stiffness_errors
 
@@ -90,8 +90,9 @@ def _msrep_of_run(folder: Path, place: str) -> np.ndarray:
     if not file.is_file():
         raise input_error(place, f"{folder} is no finished run", "name a folder that `vsajax montecarlo` wrote")
     try:
-        values = np.asarray(pq.read_table(file, columns=["msrep_settled"])["msrep_settled"], float)
-    except (KeyError, OSError, ValueError) as error:
+        table = read_results(folder) if (folder / "manifest.json").exists() else read_table(file)
+        values = np.asarray(table["msrep_settled"], float)
+    except (KeyError, TypeError) as error:
         problem = f"{file} has no column msrep_settled ({error})"
         raise input_error(place, problem, "name a run of an estimator") from None
     values = np.where(np.isfinite(values), values, np.nan)

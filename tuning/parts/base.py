@@ -21,11 +21,13 @@ Fraction = Annotated[float, Field(gt=0, le=1)]
 class Part(Table):
     """A table that becomes the vsajax class named by `target`, with its fields as arguments.
 
-    The numbers named in `static` shape the compiled program; all others are array leaves and can be varied.
+    The numbers named in `static` shape the compiled program; all others are array leaves and can be varied. The
+    texts named in `files` are paths of files whose contents determine results.
     """
 
     target: ClassVar[str]
     static: ClassVar[frozenset[str]] = frozenset()
+    files: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str, str] | None] = None
     """A number, another that it must be below, and their unit."""
 

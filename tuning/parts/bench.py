@@ -72,6 +72,7 @@ class RecordedTorque(Part):
     """A torque column of a recording, CSV or Parquet, with its time column."""
 
     target = "sensing.Recorded"
+    files = ("path",)
     type: Literal["file"]
     path: str
     column: str = "motor_torque"

@@ -10,17 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from tuning.compare import contenders
 from tuning.control_problem import problem_of
 from tuning.errors import InputError, input_error
 from tuning.grid import Grid
+from tuning.inputs import check_inputs
 from tuning.montecarlo import MonteCarlo
 from tuning.population import METRICS
 from tuning.problem import Status, Stream
 from tuning.robustness import Columns, Influence, Interval, Summary, summarise
-from tuning.store import read_table
+from tuning.seal import SEALED, breaks_seal
+from tuning.store import columns_of, is_file, read_manifest, read_results, read_table
 from tuning.study import Study, load_config, load_study, parse_study, study_hash, with_numbers
 from tuning.sweep import rank
 
@@ -75,16 +76,16 @@ class FinishedRun:
     @cached_property
     def columns(self) -> dict[str, np.ndarray]:
         """The columns of the run's results."""
-        return _columns(self.folder / "results.parquet")
+        return columns_of(read_results(self.folder))
 
     @cached_property
     def summary(self) -> Summary:
         """What a Monte Carlo run says: as it was written, or computed again where it is missing."""
         path = self.folder / "summary.json"
-        if path.is_file():
-            return _read_summary(path)
-        beside = self.folder / "design" / "results.parquet"
-        design = _columns(beside) if beside.is_file() else None
+        if is_file(path):
+            return _read_summary(path, needs_seal=SEALED in self.manifest)
+        beside = self.folder / "design"
+        design = columns_of(read_results(beside)) if (beside / "results.parquet").exists() else None
         factors = MonteCarlo(self.study, self.columns["status"].size).factors
         study, objective = self.study, self.objective
         return summarise(self.columns, design, study.population, factors, objective, _WORST, seed=study.seed)
@@ -97,7 +98,7 @@ class FinishedRun:
     @cached_property
     def ranking(self) -> list[dict[str, float]]:
         """The configurations of a sweep, best first."""
-        return rank(read_table(self.folder / "results.parquet"), list(self.axes), self.objective)
+        return rank(read_results(self.folder), list(self.axes), self.objective)
 
     @cached_property
     def contestants(self) -> list[Contestant]:
@@ -129,19 +130,17 @@ def open_finished(folder: Path) -> FinishedRun:
     path = folder / "manifest.json"
     if not folder.is_dir():
         raise input_error(folder, "is no folder" if folder.exists() else "no such folder", where)
-    if not path.is_file():
+    if not path.exists():
         raise input_error(folder, "is no run folder: it holds no manifest.json", where)
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-        command, study, plan = manifest["command"], manifest["study"], manifest["plan"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise input_error(path, f"cannot be read as a manifest ({error!r})", where) from None
+    manifest = read_manifest(path)
+    command, study, plan = manifest["command"], manifest["study"], manifest["plan"]
     if command not in COMMANDS:
         raise input_error(folder, f"holds a run of {command!r}", where)
     if command == "montecarlo" and plan.get("rows"):
         raise input_error(folder, "holds the design of a run, not the run", f"name {folder.resolve().parent}")
     run = FinishedRun(folder, manifest, parse_study(study, f"{path}: study"))
     missing = _missing(run)
+    check_inputs(manifest.get("files", {}), folder)
     if missing:
         fix = f"go on with vsajax {command} and the same options, with --resume"
         raise input_error(folder, f"holds an unfinished run: {missing}", fix)
@@ -175,20 +174,15 @@ def is_paired(first: FinishedRun, second: FinishedRun) -> bool:
 
 def _missing(run: FinishedRun) -> str:
     results = run.folder / "results.parquet"
-    if not results.is_file():
+    if not is_file(results):
         return "it has no results.parquet"
-    if run.command == "tune" and not (run.folder / "best.toml").is_file():
+    if run.command == "tune" and not is_file(run.folder / "best.toml"):
         return "it has no best.toml"
     # One that was to stop at some precision is joined before it is done, but summed up only then.
-    is_whole = run.command != "montecarlo" or (run.folder / "summary.json").is_file()
-    if not is_whole and pq.read_metadata(results).num_rows < run.manifest["plan"]["scenarios"]:
+    is_whole = run.command != "montecarlo" or is_file(run.folder / "summary.json")
+    if not is_whole and read_table(results).num_rows < run.manifest["plan"]["scenarios"]:
         return "some of its scenarios are missing"
     return ""
-
-
-def _columns(path: Path) -> dict[str, np.ndarray]:
-    table = read_table(path)
-    return {name: table[name].to_numpy() for name in table.column_names}
 
 
 def _metrics(columns: Columns, rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -254,7 +248,7 @@ def short_names(names: list[str]) -> list[str]:
     return names
 
 
-def _read_summary(path: Path) -> Summary:
+def _read_summary(path: Path, *, needs_seal: bool) -> Summary:
     """Return a written summary; numbers that JSON lacks are text there."""
 
     def interval(table: Mapping[str, Any]) -> Interval:
@@ -262,6 +256,9 @@ def _read_summary(path: Path) -> Summary:
 
     try:
         tables = json.loads(path.read_text(encoding="utf-8"))
+        if (needs_seal or SEALED in tables) and breaks_seal(tables):
+            raise ValueError("it does not hold what was written")
+        tables.pop(SEALED, None)
         return Summary(
             **tables
             | {
@@ -277,5 +274,5 @@ def _read_summary(path: Path) -> Summary:
                 },
             }
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise input_error(path, f"cannot be read ({error!r})", "--resume writes it again") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise input_error(path, f"cannot be read ({error})", "--resume writes it again") from None
