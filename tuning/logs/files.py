@@ -7,7 +7,7 @@ import io
 import math
 import os
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,10 @@ class LogFile:
         units: of columns, as a line of the file says them.
         lines: of the file (from 1), on which the rows begin; `None` where rows are no lines.
         decimal: mark of numbers that are text.
+        row_name: what a row is.
+        publisher: the column that tells apart who wrote a row, where several did.
+        shared: columns that other tables of the same file have too, each with rows of its own.
+        unread: topics of the file that could not be read, by name, with their types.
     """
 
     path: Path
@@ -50,6 +54,10 @@ class LogFile:
     units: Mapping[str, str] = field(default_factory=dict)
     lines: np.ndarray | None = None
     decimal: str = "."
+    row_name: str = "row"
+    publisher: str | None = None
+    shared: tuple[str, ...] = ()
+    unread: Mapping[str, str] = field(default_factory=dict)
 
     def column(self, name: str) -> pa.ChunkedArray:
         """Return the first column of this name."""
@@ -58,7 +66,17 @@ class LogFile:
 
     def place(self, row: int) -> str:
         """Return where a user finds a row (from 0): a line of a text file, a row (from 1) of any other."""
-        return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
+        return f"{self.row_name} {row + 1}" if self.lines is None else f"line {self.lines[row]}"
+
+    def filled(self, names: Iterable[str], rows: np.ndarray) -> np.ndarray:
+        """Return those of the rows in which all columns have a value; all, where one without is a mistake."""
+        if self.row_name == "row":
+            return rows
+        for name in names:
+            column = self.column(name)
+            if column.null_count:
+                rows = rows[column.take(pa.array(rows)).is_valid().to_numpy().astype(bool)]
+        return rows
 
     def holds_dates(self, name: str) -> bool:
         """Return whether a column holds dates, times of day or durations, which `numbers` gives in ns."""
@@ -146,10 +164,15 @@ class LogFile:
 
     def _bad_cells(self, name: str, got: str, wanted: str, rows: np.ndarray) -> InputError:
         more = f" ({rows.size} such rows in all)" if rows.size > 1 else ""
+        ways_out = ["cut those rows out, or mend them"]
+        if self.row_name != "row":
+            ways_out = ["map another column, or select other messages in [select]"]
+        elif got.startswith("no value") and rows.size > 0.05 * self.table.num_rows:
+            ways_out.append("has each topic rows of its own? then split_rows = true in [file] of a signal map")
         return input_error(
             f"{self.path}: {self.place(rows[0])}",
             f"column {name!r} has {got} where {wanted} is needed{more}",
-            "cut those rows out, or mend them",
+            "; ".join(ways_out),
         )
 
 
@@ -169,6 +192,8 @@ def read_log_file(path: Path, told: FileFormat = AS_FOUND) -> LogFile:
     except pa.ArrowException as error:
         what = {".csv": "a CSV file", ".parquet": "a Parquet file"}[path.suffix.lower()]
         raise input_error(path, f"cannot be read as {what}: {error}", "was it cut short or misnamed?") from None
+    except UnicodeDecodeError as error:
+        raise input_error(path, f"has a column whose name is not UTF-8 ({error.reason})", "rename it") from None
     except OSError as error:
         reason = error.strerror or str(error)
         raise input_error(

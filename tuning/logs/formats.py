@@ -13,6 +13,7 @@ from tuning.errors import InputError, input_error
 from tuning.logs.files import SUFFIXES as TABLE_SUFFIXES
 from tuning.logs.files import LogFile, check_readable, read_log_file
 from tuning.logs.layout import AS_FOUND, FileFormat
+from tuning.logs.rows import split_rows
 
 WIDEST = 64
 """Columns up to which a matrix counts as signals."""
@@ -44,13 +45,15 @@ def read_streams(path: Path, told: FileFormat = AS_FOUND) -> list[LogFile]:
             or the package that reads its format is not installed.
     """
     suffix = path.suffix.lower()
-    if path.is_dir() and (path / "metadata.yaml").is_file():
+    if path.is_dir() and _is_bag(path):
         suffix = ".mcap"
+    if suffix in (".zstd", ".zst") and Path(path.stem).suffix in (".mcap", ".db3"):
+        raise input_error(path, "is compressed, as only metadata.yaml says", f"give the folder: {path.parent}")
     if suffix not in _READERS:
         if suffix not in TABLE_SUFFIXES and not path.is_dir():
             known = ", ".join(SUFFIXES)
             raise input_error(path, f"unknown suffix {suffix!r}; known are {known}", "convert it to one of them")
-        return [read_log_file(path, told)]
+        return split_rows(read_log_file(path, told), told)
     if not path.is_dir():
         check_readable(path)
     try:
@@ -74,6 +77,10 @@ def read_streams(path: Path, told: FileFormat = AS_FOUND) -> list[LogFile]:
             path, "holds no signals: no column of numbers", f"columns and up to {WIDEST} wide matrices"
         )
     return streams
+
+
+def _is_bag(folder: Path) -> bool:
+    return any(file.name == "metadata.yaml" or file.suffix in (".mcap", ".db3") for file in folder.iterdir())
 
 
 def group_by_length(path: Path, columns: Columns) -> list[LogFile]:

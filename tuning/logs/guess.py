@@ -33,7 +33,7 @@ _NAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("motor_position", (r"(motor|rotor|hub).*(pos|ang|enc)", r"theta")),
     (
         "motor_torque",
-        (r"(motor|phase).*(torq|tau)", r"(motor|winding).*(curr|volt)|^current|^i_?q", r"vm\b|^volt"),
+        (r"(motor|rotor|phase).*(torq|tau|effort)", r"(motor|winding).*(curr|volt)|^current|^i_?q", r"vm\b|^volt"),
     ),
     ("link_position", (r"(link|joint|load|output|arm).*(pos|ang|enc)", r"^pos|position|^q\b|angle")),
     ("elastic_torque", (r"torque_?(ati|out|sens|meas)|elastic|effort", r"(ft|sensor|link).*torq", r"torq|tau")),
@@ -62,6 +62,8 @@ _CLOCKS = (
 """Units of stamps as words of a column's name."""
 _PLAUSIBLE_STEPS = (1e-5, 2.0)
 """Median steps of a joint's log [s]; a unit that a name seems to say and that makes another is none."""
+_SIDES = r"motor|rotor|hub|link|load|output|spring|deflect|set_?point|theta|sensor"
+"""Words that say which part of a joint an element of a message is of."""
 _LOOKED_AT = 20_000
 _MOST_RUNS = 10_000
 
@@ -109,6 +111,7 @@ class Proposal:
         others: columns that nothing fits.
         notes: what was found in the file and not told.
         file: the same, as the `[file]` table.
+        nanoseconds: the column of what is to be added to whole seconds, if there is one.
     """
 
     kind: Kind
@@ -119,6 +122,7 @@ class Proposal:
     others: tuple[str, ...]
     notes: tuple[str, ...] = ()
     file: Mapping[str, Any] = field(default_factory=dict)
+    nanoseconds: str | None = None
 
 
 def propose(path: Path) -> Proposal:
@@ -131,14 +135,19 @@ def propose(path: Path) -> Proposal:
     notes = log.notes
     numbers = {name: values for stream in log.streams for name, values in _numbers(stream, notes).items()}
     stream, clock = _guess_clock(log, numbers)
-    taken = {clock[0], *_stamps(log, numbers)}
-    guesses: list[Guess] = []
+    nanoseconds = _nanoseconds_beside(clock[0], stream, numbers)
+    if nanoseconds is not None:
+        clock = clock[0], None, f"whole seconds, beside the nanoseconds of {nanoseconds}"
+    taken = {clock[0], nanoseconds, *_stamps(log, numbers)}
+    matched: list[tuple[str, str, str]] = []
     for name, patterns in _NAMES:
         matches = ((_first_match(numbers, pattern, taken), pattern) for pattern in patterns)
         column, pattern = next((match for match in matches if match[0]), (None, ""))
         if column is not None:
             taken.add(column)
-            guesses.append(_guess(name, column, numbers[column], log, stream, pattern))
+            matched.append((name, column, pattern))
+    stream = log.main(clock[0], (column for _, column, _ in matched)) if stream.shared else stream
+    guesses = [_guess(name, column, numbers[column], log, stream, pattern) for name, column, pattern in matched]
     guesses = _relate(guesses, numbers)
     present = {guess.name for guess in guesses}
     kind: Kind = "antagonistic" if "motor1_position" in present else "sea"
@@ -146,20 +155,20 @@ def propose(path: Path) -> Proposal:
         kind = "serial"
     guesses = [guess for guess in guesses if guess.name in signals_of(kind)]
     lacking = tuple(name_need(need) for need in unmet_needs(kind, {guess.name for guess in guesses}))
-    mapped = {clock[0], *(guess.column for guess in guesses)}
+    mapped = {clock[0], nanoseconds, *(guess.column for guess in guesses)}
     select = _guess_selection(stream, clock[0])
     others = tuple(n for n in log.names if n and n not in mapped)
     keys = {key: value for one in log.streams for key, value in one.keys.items()}
-    return Proposal(kind, clock, tuple(guesses), select, lacking, others, tuple(notes), keys)
+    return Proposal(kind, clock, tuple(guesses), select, lacking, others, tuple(notes), keys, nanoseconds)
 
 
 def _numbers(stream: LogFile, notes: list[str]) -> dict[str, np.ndarray]:
     """Return the columns of numbers; of those that a few cells keep from being one, notes are made."""
     found = {}
-    rows = np.arange(min(stream.table.num_rows, _LOOKED_AT))
+    everything = np.arange(stream.table.num_rows)
     for name in stream.names:
         try:
-            found[name] = stream.numbers(name, rows)
+            found[name] = stream.numbers(name, stream.filled([name], everything)[:_LOOKED_AT])
         except InputError as error:
             if stream.is_mostly_numbers(name):
                 notes += [f"left out: {mistake.place}: {mistake.problem}" for mistake in error.mistakes]
@@ -171,10 +180,19 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9°]+", "_", name.lower()).strip("_")
 
 
-def _first_match(numbers: dict[str, np.ndarray], pattern: str, taken: set[str]) -> str | None:
+def _spoken(name: str) -> str:
+    """Return what a column is called, for patterns: an element of a message by its own name before its topic's."""
+    element = re.fullmatch(r"(/.+)/([^/\[\]]+)\[([^\]]*[A-Za-z][^\]]*)\](.*)", name)
+    if element and re.search(_SIDES, element[3].lower()):
+        return _plain(f"{element[3]}_{element[2]}{element[4]}")
+    # Every joint of a robot is in a topic of this name.
+    return _plain(re.sub(r"(?i)joint_?states?", "", name) if name.startswith("/") else name)
+
+
+def _first_match(numbers: dict[str, np.ndarray], pattern: str, taken: set[str | None]) -> str | None:
     for name, values in numbers.items():
-        plain = _plain(name)
-        if name in taken or re.search(_NOT_MEASURED, plain) or not np.ptp(values.astype(float)):
+        plain = _spoken(name)
+        if name in taken or values.size < 2 or re.search(_NOT_MEASURED, plain) or not np.ptp(values.astype(float)):
             continue
         if re.search(_end_of_word(pattern), plain):
             return name
@@ -195,7 +213,8 @@ def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tup
     named = [n for n in numbers if re.search(_TIME, _plain(n)) and _rises(numbers[n])]
     rising = [n for n in numbers if _rises(numbers[n]) and np.all(np.diff(numbers[n]) > 0)]
     own = [stream.clock for stream in log.streams if stream.clock]
-    candidates = own or named or rising
+    pairs = [n for n in numbers if _rises(numbers[n]) and _nanoseconds_beside(n, log.of(n), numbers)]
+    candidates = own or named or pairs or rising
     if not candidates:
         raise input_error(log.path, "has no column that rises as a clock does", "write a signal map by hand")
     column = candidates[0]
@@ -207,6 +226,23 @@ def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tup
         share = f"{np.count_nonzero(equal)} of {equal.size + 1}"
         reason += f"; {share} stamps are those of the sample before: see clock.nominal_step and drop_duplicates"
     return stream, (column, unit, f"{why}; {reason}")
+
+
+def _nanoseconds_beside(clock: str, stream: LogFile, numbers: dict[str, np.ndarray]) -> str | None:
+    """Return the column after that of whole seconds which holds what is to be added to them in ns."""
+    place = stream.names.index(clock) + 1
+    beside = stream.names[place] if place < len(stream.names) else None
+    if beside not in numbers or stream.holds_dates(clock) or len(numbers[beside]) != len(numbers[clock]):
+        return None
+    seconds, rest = numbers[clock], numbers[beside]
+    if not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, rest)):
+        return None
+    if rest.min() < 0 or rest.max() >= 10**9 or rest.max() < 10**6 or not np.ptp(rest):
+        return None
+    joined = seconds * 10**9 + rest
+    runs = np.diff(seconds) == 0
+    # Within a second the nanoseconds rise; where a second ends they begin anew.
+    return beside if runs.any() and (np.diff(rest)[runs] > 0).all() and (np.diff(joined) > 0).all() else None
 
 
 def _clock_unit(column: str, stamps: np.ndarray, stream: LogFile) -> tuple[str | None, str]:
@@ -233,7 +269,7 @@ def _clock_unit(column: str, stamps: np.ndarray, stream: LogFile) -> tuple[str |
 
 
 def _guess(name: str, column: str, values: np.ndarray, log: Log, main: LogFile, pattern: str) -> Guess:
-    plain, span = _plain(column), float(np.ptp(values.astype(float)))
+    plain, span = _spoken(column), float(np.ptp(values.astype(float)))
     is_angle = name.endswith("position") or name == "deflection"
     word = re.search(_end_of_word(pattern), plain)
     reasons = [f"its name says {word[0] if word else plain}"]
@@ -356,6 +392,8 @@ def to_map(proposal: Proposal, path: Path) -> str:
     lines += ["", "[clock]", f"# {printable(reason)}", f"column = {_quoted(column)}"]
     if unit is not None:
         lines.append(f'unit = "{unit}"')
+    if proposal.nanoseconds is not None:
+        lines.append(f"nanoseconds = {_quoted(proposal.nanoseconds)}")
     if any(guess.clock for guess in proposal.guesses):
         lines.append('resample = "linear" # signals have stamps of their own')
     if proposal.select is not None:

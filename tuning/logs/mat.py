@@ -56,12 +56,14 @@ def _read_binary(path: Path) -> dict[str, np.ndarray]:
 def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
     import h5py
 
+    from tuning.logs.hdf5 import name_of
     from tuning.logs.mat_child import column_name
 
     found: dict[str, np.ndarray] = {}
 
     def walk(prefix: str, group: Mapping[str, Any]) -> None:
-        for name, item in group.items():
+        for found_name, item in group.items():
+            name = name_of(path, found_name)
             if name.startswith("#"):
                 continue
             if isinstance(item, h5py.Group):

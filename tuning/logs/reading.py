@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -105,12 +106,13 @@ def read_recording(
 
     wanted = {**signal_map.select, **(select or {})}
     _require_columns(log, signal_map, wanted, blame)
-    main = log.of(signal_map.clock.column)
+    main = log.main(signal_map.clock.column, (s.column for s in signal_map.signals.given().values()))
     signal_map = signal_map.model_copy(update={"clock": resolve_clock(main, signal_map.clock, blame, notes)})
     clock = signal_map.clock
-    rows = rows_since(main, clock, _select_rows(main, wanted, notes), blame, notes)
+    rows = _usable_rows(log, main, signal_map, wanted, blame, notes)
+    rows = rows_since(main, clock, rows, blame, notes)
     notes += _unlike_units(log, signal_map)
-    raw, foreign = _read_numbers(log, main, signal_map, rows)
+    raw, foreign = _read_numbers(log, main, signal_map, rows, wanted, blame, notes)
     readings = {name: values for name, values in raw.items() if name != "time"}
     time, kept, said = read_clock(main, clock, raw["time"], rows, readings=readings)
     notes += said
@@ -228,6 +230,14 @@ def _missing_columns(log: Log, absent: list[tuple[str, str, str]], way_out: str 
     return [Mistake(place, problem, hint) for (place, problem, _), hint in zip(absent, hints, strict=True)]
 
 
+def _absence(log: Log, column: str) -> str:
+    """Return why a column is not there."""
+    for topic, kind in log.unread.items():
+        if column.startswith(f"{topic}/"):
+            return f"topic {topic} is there, but neither {log.path} nor this program has the definition of {kind}"
+    return f"no column {column!r} in {log.path}"
+
+
 def _require_columns(log: Log, signal_map: SignalMap, select: Mapping[str, object], blame: str) -> None:
     sought = {"clock.column": signal_map.clock.column}
     sought |= {"clock.nanoseconds": ns} if (ns := signal_map.clock.nanoseconds) else {}
@@ -235,7 +245,7 @@ def _require_columns(log: Log, signal_map: SignalMap, select: Mapping[str, objec
     sought |= {f"signals.{name}.column": s.column for name, s in signal_map.signals.given().items()}
     sought |= {f"signals.{name}.clock": s.clock for name, s in signal_map.signals.given().items() if s.clock}
     absent = [
-        (f"{blame}: {key}", f"no column {column!r} in {log.path}", column)
+        (f"{blame}: {key}", _absence(log, column), column)
         for key, column in sought.items()
         if not log.count(column)
     ]
@@ -250,18 +260,20 @@ def _require_columns(log: Log, signal_map: SignalMap, select: Mapping[str, objec
         if (count := log.count(column)) > 1
     ]
     if not mistakes:
-        main = log.of(signal_map.clock.column)
+        signals = signal_map.signals.given().values()
+        main = log.main(signal_map.clock.column, (signal.column for signal in signals))
+        held = [id(main), *(id(log.of(signal.column)) for signal in signals)]
         mistakes += [
             Mistake(
                 f"{blame}: select.{column}",
-                f"is not recorded with the clock {signal_map.clock.column!r}",
-                "select by a column of the clock's own table",
+                f"is recorded neither with the clock {signal_map.clock.column!r} nor with a mapped signal",
+                "select by a column of one of their tables",
             )
             for column in select
-            if log.of(column) is not main
+            if id(log.of(column)) not in held
         ]
         ns = signal_map.clock.nanoseconds
-        if ns is not None and log.of(ns) is not main:
+        if ns is not None and ns not in main.names:
             mistakes.append(Mistake(f"{blame}: clock.nanoseconds", "is not of the clock's own table", "mend it"))
     if mistakes:
         raise InputError(*mistakes)
@@ -279,6 +291,45 @@ def _select_rows(log: LogFile, select: Mapping[str, str | float], notes: list[st
             raise input_error(log.path, f"no row has {name} = {wanted!r}", f"values there: {shown}{more}")
         rows = rows[[cell in matching for cell in cells]]
         notes.append(f"{rows.size} of {len(cells)} rows selected by {name} = {wanted!r}")
+    return rows
+
+
+def _usable_rows(
+    log: Log,
+    stream: LogFile,
+    signal_map: SignalMap,
+    select: Mapping[str, str | float],
+    blame: str,
+    notes: list[str],
+) -> np.ndarray:
+    """Return the selected rows of a stream that hold all of its mapped signals.
+
+    Raises:
+        InputError: none is left, or several publishers wrote them.
+    """
+    own = {n: value for n, value in select.items() if log.of(n) is stream or n in stream.shared}
+    selected = _select_rows(stream, own, notes)
+    columns = [s.column for s in signal_map.signals.given().values() if log.of(s.column) is stream]
+    rows = stream.filled([column_in(stream, column) for column in columns], selected)
+    if not rows.size:
+        shown = " and ".join(map(repr, columns))
+        raise input_error(stream.path, f"no message has {shown} together", "map other columns, or select others")
+    if rows.size < selected.size:
+        topic = columns[0].rpartition("/")[0]
+        left = f"{selected.size - rows.size} of {selected.size} messages of {topic} left out"
+        notes.append(f"{left}: they are without {' or '.join(map(repr, columns))}")
+    if stream.publisher is not None and stream.publisher not in own:
+        writers = list(dict.fromkeys(stream.column(stream.publisher).take(pa.array(rows)).to_pylist()))
+        if len(writers) > 1:
+            ways = " or ".join(
+                f'"{stream.publisher}" = {json.dumps(writer, ensure_ascii=False)}'
+                for writer in writers[:_VALUES_SHOWN]
+            )
+            raise input_error(
+                f"{blame}: {stream.publisher.rpartition('/')[0]}",
+                f"has messages of {len(writers)} publishers with {' and '.join(map(repr, columns))}",
+                f"say whose are meant, in [select]: {ways}",
+            )
     return rows
 
 
@@ -304,12 +355,19 @@ class _Foreign:
 
 
 def _read_numbers(
-    log: Log, main: LogFile, signal_map: SignalMap, rows: np.ndarray
+    log: Log,
+    main: LogFile,
+    signal_map: SignalMap,
+    rows: np.ndarray,
+    select: Mapping[str, str | float],
+    blame: str,
+    notes: list[str],
 ) -> tuple[dict[str, np.ndarray], dict[str, _Foreign]]:
     """Return the clock, under `time`, with the signals that share its rows, and the signals that do not."""
     raw: dict[str, np.ndarray] = {}
     foreign: dict[str, _Foreign] = {}
     mistakes: list[Mistake] = []
+    usable: dict[int, np.ndarray] = {}
 
     def read(stream: LogFile, column: str, at: np.ndarray) -> np.ndarray:
         try:
@@ -328,8 +386,9 @@ def _read_numbers(
         if stream is main and signal.clock in (None, signal_map.clock.column):
             raw[name] = read(main, signal.column, rows)
             continue
-        column = signal.clock or stream.clock
-        if column is None or log.of(column) is not stream:
+        shared = clock.column if clock.column in stream.shared else None
+        column = signal.clock or stream.clock or shared
+        if column is None or column_in(stream, column) not in stream.names:
             mistakes.append(
                 Mistake(
                     f"signals.{name}.clock",
@@ -345,10 +404,10 @@ def _read_numbers(
             problem = f"{column!r} and {clock.column!r} count time in different ways: only one of them holds dates"
             mistakes.append(Mistake(f"signals.{name}.clock", problem, "name two columns of one kind"))
             continue
-        everything = np.arange(stream.table.num_rows)
-        foreign[name] = _Foreign(
-            stream, everything, column, read(stream, column, everything), read(stream, signal.column, everything)
-        )
+        if id(stream) not in usable:
+            usable[id(stream)] = _usable_rows(log, stream, signal_map, select, blame, notes)
+        its = usable[id(stream)]
+        foreign[name] = _Foreign(stream, its, column, read(stream, column, its), read(stream, signal.column, its))
     if mistakes:
         raise InputError(*dict.fromkeys(mistakes))
     return raw, foreign

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +28,12 @@ class Log:
     @property
     def names(self) -> list[str]:
         """The names of all columns."""
-        return [name for stream in self.streams for name in stream.names]
+        found, seen = [], set()
+        for stream in self.streams:
+            found += [name for name in stream.names if (stream.path, name) not in seen]
+            # Only what parts of one table share is told once; two columns of one name are told twice.
+            seen |= {(stream.path, name) for name in stream.shared}
+        return found
 
     @property
     def notes(self) -> list[str]:
@@ -46,8 +51,27 @@ class Log:
     def count(self, name: str) -> int:
         """Return how many columns have a name."""
         file, _, column = name.partition(":")
-        by_file = sum(s.names.count(column) for s in self.streams if s.path.name == file)
-        return by_file or self.names.count(name)
+        by_file = [s for s in self.streams if s.path.name == file and column in s.names]
+        if by_file:
+            return 1 if column in by_file[0].shared else sum(s.names.count(column) for s in by_file)
+        return self.names.count(name)
+
+    def main(self, clock: str, columns: Iterable[str]) -> LogFile:
+        """Return the stream whose stamps are the clock's.
+
+        Where parts of one table share them, it is the longest of those that hold some of `columns`.
+        """
+        first = self.of(clock)
+        if clock not in first.shared:
+            return first
+        held = [self.of(column) for column in columns if self.count(column)]
+        parts = [s for s in held if s.path == first.path and clock in s.shared]
+        return max(parts, key=lambda s: s.table.num_rows, default=first)
+
+    @property
+    def unread(self) -> dict[str, str]:
+        """Topics that could not be read, with their types."""
+        return {topic: kind for stream in self.streams for topic, kind in stream.unread.items()}
 
     def nearest(self, name: str) -> str | None:
         """Return the column whose name is most like `name`, capitals apart, if any is."""
