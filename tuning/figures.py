@@ -126,7 +126,7 @@ def draw_swing(columns: Mapping[str, np.ndarray], *, title: str) -> Figure:
 
 
 def draw_estimate(answer: Answer, table: RecordingTable, *, title: str) -> Figure:
-    """Draw an estimate over time: stiffness with its 95 % band, grey where not known; torque and deflection."""
+    """Draw an estimate over time: stiffness ± 2 std of the fit, grey where not known; torque and deflection."""
     # A million points are no sharper than some thousand, and take seconds.
     shown = thin(np.arange(len(answer.columns["time"])), 40_000)
     columns = {name: values[shown] for name, values in answer.columns.items()}
@@ -150,9 +150,11 @@ def draw_estimate(answer: Answer, table: RecordingTable, *, title: str) -> Figur
 
 def _draw_stiffness(axis: Axes, columns: Mapping[str, np.ndarray], truth: np.ndarray | None) -> None:
     time, stiffness, known = columns["time"], columns["stiffness"], columns["known"]
-    band = 1.96 * columns["stiffness_std"]
+    band = 2.0 * columns["stiffness_std"]
     shown = np.where(known, stiffness, np.nan)
-    axis.fill_between(time, shown - band, shown + band, color=ESTIMATE, alpha=0.25, linewidth=0, label="95 % band")
+    axis.fill_between(
+        time, shown - band, shown + band, color=ESTIMATE, alpha=0.25, linewidth=0, label="± 2 std of the fit"
+    )
     axis.plot(time, shown, color=ESTIMATE, label="estimate")
     pieces = [shown[known]] if known.any() else [stiffness[np.isfinite(stiffness)]]
     if truth is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
@@ -14,8 +14,10 @@ import numpy as np
 from tuning.build import build, build_estimator
 from tuning.control_problem import ControlProblem, problem_of
 from tuning.errors import input_error
-from tuning.logs.analysis import Analysis, analyse, clock_facts, leaves_floor
+from tuning.logs.analysis import Analysis, analyse, clock_facts, fault_facts, fault_sentences, leaves_floor
 from tuning.logs.reading import RecordingTable
+from tuning.logs.torques import Assumptions
+from tuning.parts.estimators import AntagonisticPair as PairConfig
 from tuning.problem import Problem, Scenario, Stream, draw_scenarios
 from tuning.study import Config, DampingStudy, EstimationStudy, Study, with_numbers
 from vsajax import Estimate, Recording, experiment
@@ -145,18 +147,19 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
     analysis = None
     if not isinstance(estimator, AntagonisticPair):
         torque, deflection = columns["torque"], columns["deflection"]
+        lagging = deflection
         if isinstance(estimator, StiffnessEstimator) and estimator.torque.lag is not None:
-            deflection = np.asarray(jax.jit(experiment.agreement)(estimator, recording)[1])
-        analysis = analyse(table, deflection, torque)
+            lagging = np.asarray(jax.jit(experiment.agreement)(estimator, recording)[1])
+        analysis = analyse(table, lagging, torque, Assumptions.of(config.estimator), unlagged=deflection)
         if analysis.floor is not None:
             columns["known"] = columns["known"] & leaves_floor(torque, analysis.floor)
-    summary, sentences = _summarise(columns)
+    summary, sentences = _summarise(columns, config, analysis)
     if analysis is not None:
         summary |= analysis.summary()
         sentences += analysis.sentences()
     else:
-        summary["faults"] = [asdict(fault) for fault in table.faults]
-        sentences += [f"WARNING: {fault}" for fault in table.faults]
+        summary |= fault_facts(table.faults)
+        sentences += fault_sentences(table.faults)
     summary["clock"] = clock_facts(table)
     prior, warning = _weigh_prior(answer, weaker)
     summary |= prior
@@ -169,10 +172,7 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
         since = summary["scores"]["convergence_time"]
         share = f"within {100 * config.scorer.tolerance:g} %"
         reached = f"{share} after {since:.3g} s" if math.isfinite(since) else f"not {share} at the end"
-        sentences.append(
-            f"against the truth: MSREP {summary['scores']['msrep']:.4g} %, "
-            f"from {config.scorer.warm_up:g} s on {summary['scores']['msrep_settled']:.4g} %; {reached}"
-        )
+        sentences.append("; ".join([*_describe_scores(summary["scores"], config.scorer.warm_up), reached]))
     return Answer(columns, summary, sentences, analysis)
 
 
@@ -193,7 +193,8 @@ def _weigh_prior(answer: Estimate, weaker: Estimate) -> tuple[dict[str, Any], li
     if not known.any():
         return {"determined_coefficients": determined, "prior_influence": math.nan}, []
     own, other = np.asarray(answer.stiffness)[known], np.asarray(weaker.stiffness)[known]
-    influence = float(np.sqrt(np.mean((own - other) ** 2) / np.mean(own**2)))
+    size = float(np.mean(own**2))
+    influence = math.sqrt(float(np.mean((own - other) ** 2)) / size) if size > 0.0 else math.nan
     facts = {"determined_coefficients": determined, "prior_influence": influence}
     if not influence > _PRIOR_LIMITS:
         return facts, []
@@ -204,7 +205,47 @@ def _weigh_prior(answer: Estimate, weaker: Estimate) -> tuple[dict[str, Any], li
     ]
 
 
-def _summarise(columns: dict[str, np.ndarray]) -> tuple[dict[str, Any], list[str]]:
+def _describe_scores(scores: dict[str, float], warm_up: float) -> list[str]:
+    """Return the scores that there are in words."""
+    if not math.isfinite(scores["msrep"]):
+        return ["against the truth: no score, the estimate or the truth is not finite or zero"]
+    said = f"against the truth: MSREP {scores['msrep']:.4g} %"
+    if math.isfinite(scores["msrep_settled"]):
+        return [f"{said}, from {warm_up:g} s on {scores['msrep_settled']:.4g} %"]
+    return [f"{said}; the recording ends before {warm_up:g} s, from where a settled score counts (scorer.warm_up)"]
+
+
+def _why_unknown(columns: dict[str, np.ndarray], config: Config, analysis: Analysis | None) -> str:
+    """Return which condition of *known* was never met, in words."""
+    faulty = analysis is not None and analysis.is_faulty
+    if faulty:
+        return "something is wrong with the log, see the WARNING"
+    if (
+        analysis is not None
+        and analysis.floor is not None
+        and not leaves_floor(columns["torque"], analysis.floor).any()
+    ):
+        return "the torque never leaves its noise floor (expect.no_load)"
+    estimator = config.estimator
+    gate = estimator.side.gate if isinstance(estimator, PairConfig) else estimator.gate
+    span = float(np.ptp(columns["deflection"]))
+    if span < gate.min_deflection_range:
+        return (
+            f"the deflection moves by {1e3 * span:.3g} mrad in all, and estimator.gate.min_deflection_range "
+            f"asks for {1e3 * gate.min_deflection_range:.3g}: excite the joint more, or lower it"
+        )
+    shares = columns["stiffness_std"] / np.maximum(np.abs(columns["stiffness"]), np.finfo(float).tiny)
+    least = float(np.min(shares[np.isfinite(shares)], initial=math.inf))
+    least_said = f"{100 * least:.3g} % at best" if math.isfinite(least) else "unknown"
+    return (
+        f"its standard deviation is {least_said}, and estimator.gate.max_relative_std asks for "
+        f"{100 * gate.max_relative_std:.3g} %: the joint is excited too little, or the basis does not fit it"
+    )
+
+
+def _summarise(
+    columns: dict[str, np.ndarray], config: Config, analysis: Analysis | None
+) -> tuple[dict[str, Any], list[str]]:
     known = columns["known"]
     stiffness, std = float(columns["stiffness"][-1]), float(columns["stiffness_std"][-1])
     known_from = float(columns["time"][np.argmax(known)]) if known.any() else math.inf
@@ -223,7 +264,8 @@ def _summarise(columns: dict[str, np.ndarray]) -> tuple[dict[str, Any], list[str
             f"t = {columns['time'][np.argmax(~np.isfinite(columns['stiffness']))]:.3f} s on"
         ]
     if not known.any():
-        return summary, ["the stiffness is NOT KNOWN: the recording excites the joint too little (estimator.gate)"]
+        summary["unknown_because"] = _why_unknown(columns, config, analysis)
+        return summary, [f"the stiffness is NOT KNOWN: {summary['unknown_because']}"]
     sentences = [
         f"known from {known_from:.3f} s on" + ("" if known[-1] else ", but no longer at the end"),
         f"final stiffness {stiffness:.6g} ± {std:.2g} N·m/rad (one standard deviation)",

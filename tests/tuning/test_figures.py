@@ -89,7 +89,7 @@ def test_an_estimate_is_drawn_with_its_band_and_what_is_not_known(known, truth, 
     figure = draw_estimate(Answer(columns, {}, []), table, title="log.csv")
     reads_well(figure, tmp_path)
     legend = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert {"estimate", "95 % band", "not known"} <= set(legend)
+    assert {"estimate", "± 2 std of the fit", "not known"} <= set(legend)
     assert ("true" in legend) == bool(truth)
     # The view holds the bulk of the curve, whatever the transient was.
     low, high = figure.axes[0].get_ylim()

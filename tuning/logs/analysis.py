@@ -1,17 +1,28 @@
-"""What a log says beyond its stiffness: noise at rest and without load, hysteresis, the gear, faults."""
+"""What a log says beyond its stiffness: noise at rest and without load, hysteresis, faults."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from tuning.logs.characteristic import Characteristic, characterise
-from tuning.logs.faults import Fault, judge_stiffness
+from tuning.logs.curves import curve_of, fit, is_smooth
+from tuning.logs.findings import Fault, is_sound
+from tuning.logs.positions import gear_factor
 from tuning.logs.reading import RecordingTable
+from tuning.logs.torques import (
+    Assumptions,
+    find_delay,
+    find_lag,
+    find_negative_loop,
+    find_offset,
+    find_unrelated,
+    judge_stiffness,
+)
 
 _MOVES = 0.05
 """Share of its range by which a signal that leaves rest has moved."""
@@ -21,6 +32,8 @@ _NOISE = 6.0
 """Standard deviations at rest, which noise hardly ever leaves."""
 _SHORTEST_REST = 0.25
 _FEWEST_AT_REST = 20
+_CORRELATED_ALL_THE_SAME = 0.9
+"""Correlation from which a slope is judged though a set-point moved."""
 _WITHIN = 0.999
 """Share of the samples without load that lie within the noise floor."""
 
@@ -51,8 +64,9 @@ class NoiseFloor:
         end: of it [s].
         bias: mean of the torque there [N·m].
         std: its standard deviation [N·m].
-        limit: 99.9 % of it lie within ± this of the bias [N·m].
-        share_within: how much of the rest of the log does; NaN where nothing is left.
+        limit: 99.9 % of it lie within ± this of the bias [N·m]: a figure of this stretch, no promise of another.
+        held_out: share of one half of it that lies within the limit of the other half, the smaller of the two.
+        share_within: how much of the rest of the log lies within the limit; NaN where nothing is left.
     """
 
     start: float
@@ -60,6 +74,7 @@ class NoiseFloor:
     bias: float
     std: float
     limit: float
+    held_out: float
     share_within: float
 
 
@@ -70,15 +85,16 @@ class Analysis:
     Args:
         deflection: as the torque lags [rad].
         torque: into the fit [N·m].
-        characteristic: torque over deflection; `None` where either does not move.
+        characteristic: torque over deflection at the sound samples; `None` where either does not move, or where a
+            set-point moved the curve.
         rest: `None` where the log starts in motion.
         floor: `None` where the map tells of no stretch without load.
         correlation: of torque and deflection; NaN where either does not move.
         attenuation: share of the slope that the deflection's noise takes away; NaN without a rest.
-        gear_factor: turns of the motor, as mapped, for one of the link: 1 where the map's ratio is right; NaN
-            without both.
-        gear_ratio: of the map times that; NaN without both.
-        faults: what is wrong.
+        gear_ratio: at which link and motor agree best; NaN without both, or without deflection and torque.
+        faults: what is wrong, and notes on what is odd.
+        excluded: samples that faults concern, which are left out of the characteristic.
+        given: what the estimator takes for granted.
     """
 
     deflection: np.ndarray
@@ -88,9 +104,15 @@ class Analysis:
     floor: NoiseFloor | None
     correlation: float
     attenuation: float
-    gear_factor: float
     gear_ratio: float
     faults: tuple[Fault, ...]
+    excluded: int
+    given: Assumptions
+
+    @property
+    def is_faulty(self) -> bool:
+        """Whether something is wrong: then what a line leaves has no cause in the spring."""
+        return any(fault.severity == "fault" for fault in self.faults)
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers for machines."""
@@ -102,14 +124,15 @@ class Analysis:
             "correlation": self.correlation,
             "noise_attenuation": self.attenuation,
             "gear_ratio": self.gear_ratio,
-            "faults": [asdict(fault) for fault in self.faults],
+            "excluded_samples": self.excluded,
+            **fault_facts(self.faults),
         }
 
     def sentences(self) -> list[str]:
         """Return the same for people."""
-        said = [f"WARNING: {fault}" for fault in self.faults]
+        said = fault_sentences(self.faults)
         if (line := self.characteristic) is not None:
-            said.append(_describe(line))
+            said.append(self._describe(line))
         if self.floor is not None:
             said.append(_describe_floor(self.floor))
         if self.rest is not None and self.attenuation > 0.002:
@@ -117,45 +140,125 @@ class Analysis:
                 f"noise of the deflection at rest, {1e3 * self.rest.deflection_std:.3g} mrad, "
                 f"makes the stiffness {100 * self.attenuation:.2g} % too small"
             )
-        if abs(self.gear_factor - 1.0) > 1e-3:
-            said.append(
-                f"link and motor agree at a gear ratio of {self.gear_ratio:.5g}, "
-                f"{100 * (self.gear_factor - 1.0):+.2g} % from the map's"
-            )
         return said
 
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Why one stiffness does not describe the log, in words; empty where it does, or a fault may be why."""
+        line = self.characteristic
+        if line is None or self.is_faulty:
+            return ()
+        if not self.given.is_measured and "hysteresis" in line.causes:
+            return ("loading and unloading differ, by friction of the motor or hysteresis",)
+        return line.causes
 
-def analyse(table: RecordingTable, deflection: np.ndarray, torque: np.ndarray) -> Analysis:
+    def _describe(self, line: Characteristic) -> str:
+        without = f" without {self.excluded} of the samples" if self.excluded else ""
+        share = f"a line explains {100 * line.r_squared:.4g} % of the torque's variance{without}"
+        if self.excluded and line.is_line:
+            share += f", {line.stiffness:.6g} N·m/rad"
+        if self.is_faulty:
+            return share
+        span = 2.0 * max((level.amplitude for level in line.levels), default=0.0)
+        if self.given.is_measured and abs(line.shift) > _MOVES * span:
+            share += (
+                f"; at one torque the deflection moved by {1e3 * line.shift:.3g} mrad from start to end: "
+                "hysteresis, or something slipped"
+            )
+        if line.is_line:
+            return share
+        if not line.causes:
+            left = fit(curve_of(self.deflection), self.torque)
+            if is_smooth(left):
+                return (
+                    f"{share}. What is left is neither a curve nor a loop, nor noise: the torque has another cause"
+                )
+            return f"{share}. What is left is neither a curve nor a loop: it looks like noise"
+        return f"ONE STIFFNESS DOES NOT DESCRIBE THIS LOG: {share}. {_name_causes(line, self.given)}"
+
+
+def fault_sentences(faults: Iterable[Fault]) -> list[str]:
+    """Return faults and notes for people, faults first."""
+    in_order = sorted(faults, key=lambda fault: fault.severity != "fault")
+    return [f"{'WARNING' if fault.severity == 'fault' else 'note'}: {fault}" for fault in in_order]
+
+
+def fault_facts(faults: Iterable[Fault]) -> dict[str, Any]:
+    """Return faults and notes for machines."""
+    found = [asdict(fault) for fault in faults]
+    return {
+        "faults": [one for one in found if one["severity"] == "fault"],
+        "remarks": [one for one in found if one["severity"] == "note"],
+    }
+
+
+def analyse(
+    table: RecordingTable,
+    deflection: np.ndarray,
+    torque: np.ndarray,
+    given: Assumptions | None = None,
+    *,
+    unlagged: np.ndarray | None = None,
+) -> Analysis:
     """Return what a log says.
 
     Args:
         table: the log.
         deflection: as the torque lags [rad].
         torque: into the fit [N·m].
+        given: what the estimator takes for granted; by default it reads a torque sensor and fits an offset.
+        unlagged: the deflection itself, where the torque lags [rad].
     """
-    time = table.columns["time"]
-    faults = list(table.faults)
-    rest = find_rest(time, deflection, torque)
-    line = characterise(deflection, torque, rest=None if rest is None else rest.deflection)
+    given = given or Assumptions()
+    time, faults = table.columns["time"], list(table.faults)
+    sound = is_sound(time, faults) & np.isfinite(deflection) & np.isfinite(torque)
+    bent, twisted = deflection[sound], torque[sound]
+    rest = find_rest(time[sound], bent, twisted) if bent.size else None
+    setpoint = table.columns.get("setpoint_position")
+    setpoint = None if setpoint is None or not np.ptp(setpoint) > 0.0 else setpoint[sound]
+    line = characterise(bent, twisted, rest=None if rest is None else rest.deflection) if bent.size else None
     correlation = attenuation = math.nan
     if line is not None:
         correlation = math.copysign(math.sqrt(max(line.r_squared, 0.0)), line.stiffness)
-        faults += judge_stiffness(line.stiffness, table.signal_map, correlation)
+        if setpoint is None or abs(correlation) > _CORRELATED_ALL_THE_SAME:
+            faults += judge_stiffness(line.stiffness, table.signal_map, correlation)
         if rest is not None:
-            attenuation = rest.deflection_std**2 / float(np.var(deflection))
-    factor, ratio = _gear(table)
+            attenuation = rest.deflection_std**2 / float(np.var(bent))
+        if not any(fault.severity == "fault" for fault in faults):
+            faults += _judge_curve(time[sound], bent, twisted, setpoint, line, given)
+            if unlagged is not None:
+                faults += find_lag(unlagged[sound], bent, twisted, setpoint, given)
+    mapped = table.signal_map.signals.motor_position
     return Analysis(
         deflection,
         torque,
-        line,
+        # One stiffness is not claimed where a set-point moves.
+        line if setpoint is None else None,
         rest,
         _noise_floor(time, torque, table.signal_map.expect.no_load),
         correlation,
         attenuation,
-        factor,
-        ratio,
+        math.nan if mapped is None else mapped.gear_ratio * gear_factor(table.columns),
         tuple(dict.fromkeys(faults)),
+        int(np.count_nonzero(~sound)),
+        given,
     )
+
+
+def _judge_curve(
+    time: np.ndarray,
+    deflection: np.ndarray,
+    torque: np.ndarray,
+    setpoint: np.ndarray | None,
+    line: Characteristic,
+    given: Assumptions,
+) -> list[Fault]:
+    """Return what torque over deflection says; the first that explains it speaks alone."""
+    curve = (deflection, torque, setpoint, given)
+    found = find_delay(time, *curve) or find_unrelated(*curve)
+    if not found and setpoint is None:
+        found = find_negative_loop(line.loss_factor, line.branches, given)
+    return found + find_offset(*curve)
 
 
 def find_rest(time: np.ndarray, deflection: np.ndarray, torque: np.ndarray) -> Rest | None:
@@ -170,7 +273,12 @@ def find_rest(time: np.ndarray, deflection: np.ndarray, torque: np.ndarray) -> R
         moved = np.abs(values - np.median(values[:first])) > limit
         if moved.any():
             end = min(end, int(np.argmax(moved)))
-    if end < first or end == len(time):
+    if end == len(time):
+        return None
+    # Who moves slowly is within the limit for long, but not at rest.
+    while end >= first and not _is_still(deflection[:end]):
+        end = int(0.8 * end)
+    if end < first:
         return None
     return Rest(
         float(time[end - 1]),
@@ -178,6 +286,12 @@ def find_rest(time: np.ndarray, deflection: np.ndarray, torque: np.ndarray) -> R
         _noise(deflection[:end]),
         _noise(torque[:end]),
     )
+
+
+def _is_still(values: np.ndarray) -> bool:
+    """Return whether values scatter no more than noise that their differences show, filtered or not."""
+    steps = float(np.std(np.diff(values))) / math.sqrt(2.0)
+    return _noise(values) <= _CORRELATED * steps or not float(np.ptp(values)) > 0.0
 
 
 def _noise(values: np.ndarray) -> float:
@@ -196,12 +310,15 @@ def _noise_floor(time: np.ndarray, torque: np.ndarray, no_load: list[float] | No
     bias = float(torque[inside].mean())
     limit = float(np.quantile(np.abs(torque[inside] - bias), _WITHIN))
     rest = np.abs(torque[~inside] - bias) <= limit
+    halves = np.array_split(np.abs(torque[inside] - bias), 2)
+    held_out = [np.mean(other <= np.quantile(own, _WITHIN)) for own, other in (halves, halves[::-1])]
     return NoiseFloor(
         no_load[0],
         no_load[1],
         bias,
         float(torque[inside].std()),
         limit,
+        float(min(held_out)),
         float(rest.mean()) if rest.size else math.nan,
     )
 
@@ -211,48 +328,30 @@ def leaves_floor(torque: np.ndarray, floor: NoiseFloor) -> np.ndarray:
     return np.maximum.accumulate(np.abs(torque - floor.bias)) > 2.0 * floor.limit
 
 
-def _gear(table: RecordingTable) -> tuple[float, float]:
-    columns, signals = table.columns, table.signal_map.signals
-    if not {"link_position", "motor_position"} <= columns.keys() or signals.motor_position is None:
-        return math.nan, math.nan
-    motor, link = columns["motor_position"], columns["link_position"]
-    moved = motor - motor.mean()
-    if not moved.any() or np.ptp(link) == 0.0:
-        return math.nan, math.nan
-    # The motor's encoder behind its gear is the finer of the two: link over motor is the less attenuated slope.
-    factor = float(moved @ moved / (moved @ (link - link.mean())))
-    return factor, factor * signals.motor_position.gear_ratio
-
-
-def _describe(line: Characteristic) -> str:
-    share = f"a line explains {100 * line.r_squared:.4g} % of the torque's variance"
-    span = 2.0 * max((level.amplitude for level in line.levels), default=0.0)
-    if abs(line.shift) > _MOVES * span:
-        share += (
-            f"; at one torque the deflection moved by {1e3 * line.shift:.3g} mrad from start to end: "
-            "hysteresis, or something slipped"
-        )
-    if line.is_line:
-        return share
-    if not line.causes:
-        return f"{share}. What is left is neither a curve nor hysteresis: noise, or errors of the torque signal"
+def _name_causes(line: Characteristic, given: Assumptions) -> str:
     found = ", ".join(line.causes).upper()
-    loop = trend = ""
-    if "hysteresis" in line.causes:
-        loop = f", a loop {line.width:.3g} N·m wide, loss factor {line.loss_factor:.2g}"
-    if "hysteresis" in line.causes and line.swings:
+    if "hysteresis" not in line.causes:
+        seen = [level for level in line.levels if math.isfinite(level.tangent)]
+        near, far = seen[0], seen[-1]
+        return (
+            f"{found}; the tangent goes from {near.tangent:.4g} N·m/rad at {near.amplitude:.3g} rad from rest "
+            f"to {far.tangent:.4g} at {far.amplitude:.3g} rad"
+        )
+    loop = f"a loop {line.width:.3g} N·m wide, loss factor {line.loss_factor:.2g}"
+    if given.is_measured:
+        said = f"{found}, {loop}"
+    else:
+        said = (
+            f"LOADING AND UNLOADING DIFFER, {loop}: errors of the motor's model (friction, damping, inertia in "
+            "estimator.torque) make such a loop as well as hysteresis of the spring; motor data alone do not tell"
+        )
+    if line.swings:
         first, last = line.swings[0], line.swings[-1]
-        trend = (
+        said += (
             f"; swings of {first.amplitude:.3g} rad have a secant of {first.secant:.4g} N·m/rad, "
             f"of {last.amplitude:.3g} rad {last.secant:.4g}"
         )
-    elif line.causes:
-        near, far = line.levels[0], line.levels[-1]
-        trend = (
-            f"; the tangent goes from {near.tangent:.4g} N·m/rad about rest "
-            f"to {far.tangent:.4g} at {far.amplitude:.3g} rad"
-        )
-    return f"ONE STIFFNESS DOES NOT DESCRIBE THIS LOG: {share}. {found}{loop}{trend}"
+    return said
 
 
 def _describe_floor(floor: NoiseFloor) -> str:
@@ -260,8 +359,9 @@ def _describe_floor(floor: NoiseFloor) -> str:
     if math.isfinite(floor.share_within):
         after = f"; {100 * floor.share_within:.4g} % of the other samples lie within"
     return (
-        f"noise floor of the torque without load, {floor.start:g} to {floor.end:g} s: "
-        f"{floor.bias:.3g} ± {floor.limit:.3g} N·m (99.9 %){after}"
+        f"torque without load, {floor.start:g} to {floor.end:g} s: {floor.bias:.3g} ± {floor.limit:.3g} N·m "
+        f"holds 99.9 % of these samples; the limit of one half of them holds {100 * floor.held_out:.4g} % of the "
+        f"other{after}"
     )
 
 

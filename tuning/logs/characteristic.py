@@ -9,12 +9,16 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from tuning.logs.curves import curve_of, fit
+
 LINE_HOLDS = 0.98
 """R² from which one line is said to describe a log."""
 _NAMED = 0.1
 """Share of what a line leaves unexplained from which a cause is named."""
 _TURN = 0.1
 """Share of the deflection's range that a turn must be undone by to count as one."""
+_LOSES = 0.02
+"""Loss factor from which a loop is said to be hysteresis."""
 _BENDS = 0.15
 """Relative change of the stiffness from which a spring is said to soften or stiffen."""
 _LEVELS = 8
@@ -77,7 +81,8 @@ class Characteristic:
         width: largest difference of the torque between the two directions at one deflection [N·m].
         loss: energy a cycle [J].
         loss_factor: the loss over 2π times the elastic energy at the largest deflection.
-        shift: how far the deflection at one torque moved from the start of the log to its end [rad].
+        shift: how far the deflection at one torque moved from the start of the log to its end [rad]; 0 where the
+            ends scatter as much.
         causes: why the line does not hold; empty where it does, or where nothing above explains it.
     """
 
@@ -141,13 +146,11 @@ def characterise(
     swings = _swings(path)
     causes: list[Cause] = []
     if explained <= LINE_HOLDS:
-        causes = ["hysteresis"] if branching >= _NAMED else []
+        causes = ["hysteresis"] if branching >= _NAMED and loss_factor >= _LOSES else []
         bend = _bend([swing.secant for swing in swings] if causes else [level.tangent for level in levels])
         # Without branches, a curve must also explain what the line does not.
         if bend is not None and (causes or curvature >= _NAMED):
             causes.append(bend)
-    edge = max(1, len(torque) // _EDGES)
-    error = (torque - intercept - slope * scaled) / stiffness if stiffness else np.zeros_like(torque)
     return Characteristic(
         stiffness,
         intercept - stiffness * center,
@@ -161,9 +164,21 @@ def characterise(
         width,
         loss,
         loss_factor,
-        float(np.median(error[:edge]) - np.median(error[-edge:])),
+        _shift(deflection, torque, stiffness),
         tuple(causes),
     )
+
+
+def _shift(deflection: np.ndarray, torque: np.ndarray, stiffness: float) -> float:
+    """Return how far the deflection at one torque moved from the start to the end [rad], a curve allowed for."""
+    error, edge = fit(curve_of(deflection), torque), max(1, len(torque) // _EDGES)
+    first, last = error[:edge], error[-edge:]
+    moved, noise = (
+        float(np.median(first) - np.median(last)),
+        max(float(np.std(first)), float(np.std(last))),
+    )
+    # What is no larger than what each end does by itself says nothing of a difference between them.
+    return moved / stiffness if stiffness and abs(moved) > noise else 0.0
 
 
 class _Path(NamedTuple):

@@ -1,28 +1,19 @@
-"""What is wrong with a log though every cell of it can be read: found from the numbers alone, and named."""
+"""Wrapped encoders, wrong units and swapped signs: found from the numbers alone, and named."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from tuning.logs.files import LogFile
+from tuning.logs.findings import Fault, FaultName
 from tuning.logs.signal_map import Angle, SignalMap
 
-FaultName = Literal[
-    "wrapped encoder",
-    "degrees for radians",
-    "swapped sign",
-    "out of range",
-    "frozen signal",
-    "clock set",
-    "coarse clock",
-]
-
 _DEGREE = math.pi / 180.0
+_UNITS = {"degrees": _DEGREE, "revolutions": 2.0 * math.pi, "milliradians": 1e-3}
+"""What angles are in that are taken for radians, in rad."""
 _WIDEST_DEFLECTION = 1.5
 """[rad]; springs that bend further are rarer than wrong units."""
 _MOST_TURNS = 8.0
@@ -32,26 +23,6 @@ _AGREES = 0.9
 """Correlation from which two angles are taken to say the same."""
 _CLOSE = 0.1
 """Relative distance from a factor within which it is taken to be that factor."""
-
-
-@dataclass(frozen=True)
-class Fault:
-    """Something wrong.
-
-    Args:
-        name: what kind.
-        signal: of which.
-        problem: what the numbers say.
-        fix: what to change.
-    """
-
-    name: FaultName
-    signal: str
-    problem: str
-    fix: str
-
-    def __str__(self) -> str:
-        return f"{self.name}: {self.signal} {self.problem}. {self.fix}"
 
 
 def find_wraps(name: str, signal: object, values: np.ndarray, log: LogFile, rows: np.ndarray) -> list[Fault]:
@@ -82,7 +53,8 @@ def find_wraps(name: str, signal: object, values: np.ndarray, log: LogFile, rows
     said = f"jumps by {largest:.6g} {signal.unit} {where}{times}, where it else moves by {ordinary:.3g} a sample"
     if period is not None:
         return [Fault("wrapped encoder", name, said, f"Set signals.{name}.wraps_at = {period:.10g}")]
-    if _swings(np.diff(values)[is_jump]):
+    # A command may be a row of steps.
+    if _swings(np.diff(values)[is_jump]) and not name.startswith("setpoint"):
         fix = f"Does it wrap? Then set signals.{name}.wraps_at; was it zeroed anew? Then cut the log there"
         return [Fault("wrapped encoder", name, said, fix)]
     return []
@@ -137,7 +109,8 @@ def find_units(
             )
             found.append(Fault(kind, name, said, fix))
         elif is_angle and signal.unit == "rad" and (why := _looks_like_degrees(name, signal, raw[name], values)):
-            found.append(Fault("degrees for radians", name, why, f'Set signals.{name}.unit = "deg"?'))
+            fix = f'Set signals.{name}.unit = "deg"? If it does go so far, say so: signals.{name}.range'
+            found.append(Fault("degrees for radians", name, why, fix))
     return found + _disagreements({name: values for name, values in columns.items() if not _is_absurd(values)})
 
 
@@ -150,7 +123,8 @@ def _looks_like_degrees(name: str, signal: Angle, raw: np.ndarray, values: np.nd
     span = float(np.ptp(values))
     if name == "deflection" and span > _WIDEST_DEFLECTION:
         return f"spans {span:.4g} rad; few springs bend by more than {_WIDEST_DEFLECTION} rad"
-    if name != "deflection" and span > 2.0 * math.pi * _MOST_TURNS:
+    # Motors that move a set-point turn as often as their gear asks for.
+    if name not in ("deflection", "setpoint_position") and span > 2.0 * math.pi * _MOST_TURNS:
         return f"spans {span:.4g} rad, {span / (2 * math.pi):.3g} turns of the joint"
     step = resolution(raw)
     if step is None or signal.scale is not None or _is_round(step):
@@ -211,7 +185,7 @@ def _disagreements(columns: Mapping[str, np.ndarray]) -> list[Fault]:
 
 
 def _compare(name: str, values: np.ndarray, other: str, reference: np.ndarray) -> list[Fault]:
-    """Return the fault of an angle that is −1, 57.3 or 1/57.3 times another."""
+    """Return the fault of an angle that is −1 times another, or in another unit than it is taken for."""
     if np.ptp(values) == 0.0 or np.ptp(reference) == 0.0:
         return []
     correlation = float(np.corrcoef(values, reference)[0, 1])
@@ -222,35 +196,10 @@ def _compare(name: str, values: np.ndarray, other: str, reference: np.ndarray) -
     if correlation < 0.0:
         said, fix = f"falls as the {other} rises", f"Set signals.{name}.sign = -1?"
         found.append(Fault("swapped sign", name, said, fix))
-    for ratio, who in ((1.0 / _DEGREE, name), (_DEGREE, other)):
-        if abs(factor / ratio - 1.0) < _CLOSE:
-            said = f"is {factor:.4g} times the {other}: {who} is in degrees, though it is taken for radians"
-            found.append(Fault("degrees for radians", name, said, "Check the unit of both"))
+    for unit, size in _UNITS.items():
+        for ratio, who in ((1.0 / size, name), (size, other)):
+            if abs(factor / ratio - 1.0) < _CLOSE:
+                said = f"is {factor:.4g} times the {other}: {who} is in {unit}, though it is taken for radians"
+                kind: FaultName = "degrees for radians" if unit == "degrees" else "wrong unit"
+                found.append(Fault(kind, name, said, "Check the unit of both"))
     return found
-
-
-def judge_stiffness(stiffness: float, signal_map: SignalMap, correlation: float) -> list[Fault]:
-    """Return the faults that a stiffness shows: it is negative, or not what is known of the joint.
-
-    Args:
-        stiffness: least-squares slope of torque over deflection [N.m/rad].
-        signal_map: with what the user expects.
-        correlation: of torque and deflection.
-    """
-    expected = signal_map.expect.stiffness
-    if correlation < -0.5:
-        said = f"falls as the deflection rises: {stiffness:.4g} N·m/rad"
-        fix = "Set sign = -1 on one of the two: the deflection is link minus motor, the torque grows with it"
-        return [Fault("swapped sign", "torque", said, fix)]
-    if expected is None or expected[0] <= stiffness <= expected[1]:
-        return []
-    said = f"makes {stiffness:.4g} N·m/rad where expect.stiffness is {expected}"
-    for factor, fix in (
-        (1.0 / _DEGREE, 'The deflection is in degrees, taken for radians: set unit = "deg"?'),
-        (_DEGREE, 'The deflection is in radians, taken for degrees: set unit = "rad"?'),
-    ):
-        if expected[0] <= stiffness * factor <= expected[1]:
-            return [Fault("degrees for radians", "deflection", said, fix)]
-    return [
-        Fault("out of range", "stiffness", said, "Check units, scales and gear ratios, or widen what is expected")
-    ]

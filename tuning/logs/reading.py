@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -25,8 +25,11 @@ from tuning.logs.clock import (
     resolve_clock,
     rows_since,
 )
-from tuning.logs.faults import Fault, find_units, find_wraps, resolution
+from tuning.logs.faults import find_units, find_wraps, resolution
 from tuning.logs.files import LogFile, read_log_file, write_table
+from tuning.logs.findings import Fault, Samples, is_sound
+from tuning.logs.positions import find_gear, find_rigid
+from tuning.logs.samples import find_held, find_spikes
 from tuning.logs.signal_map import (
     KINDS,
     Angle,
@@ -121,21 +124,22 @@ def read_recording(
     notes += [] if faults else report.notes(clock)
     faults += find_lost_digits(clock, raw["time"], readings)
     own = {name: values[kept] for name, values in readings.items()}
-    faults += [
-        fault
-        for name, signal in signal_map.signals.given().items()
-        for fault in (
-            find_wraps(name, signal, own[name], main, rows[kept])
-            if name in own
-            else find_wraps(name, signal, foreign[name].values, foreign[name].stream, foreign[name].rows)
-        )
-    ]
+    samples = {name: Samples(name, values, time, rows[kept], main) for name, values in own.items()}
+    start = raw["time"][kept[0]]
+    for name, one in foreign.items():
+        stamps = clock.to_seconds(one.stamps, start)
+        samples[name] = Samples(name, one.values, stamps, one.rows, one.stream)
+    for name, signal in signal_map.signals.given().items():
+        one = samples[name]
+        spikes = find_spikes(one, signal)
+        faults += spikes or find_wraps(name, signal, one.values, one.log, one.rows)
     columns = _convert(own, signal_map, blame, notes)
     if foreign:
-        time, columns = _join(time, columns, foreign, signal_map, blame, notes, start=raw["time"][kept[0]])
+        time, columns = _join(time, columns, foreign, signal_map, blame, notes, start=start)
     readings = own | {name: signal.values for name, signal in foreign.items()}
     faults += find_units(signal_map, readings, columns)
     columns = _drive(time, columns, signal_map)
+    faults += _judge_signals(time, columns, samples, signal_map, faults)
     if signal_map.clock.sample_time is not None:
         time, columns, said = on_regular_clock(time, columns, signal_map.clock, blame)
         notes += said
@@ -150,6 +154,30 @@ def read_recording(
         tuple(faults),
         _resolutions(signal_map, readings),
     )
+
+
+def _judge_signals(
+    time: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    samples: Mapping[str, Samples],
+    signal_map: SignalMap,
+    faults: Sequence[Fault],
+) -> list[Fault]:
+    """Return what signals say of each other where no fault found before would speak for them."""
+    if any(fault.name == "out of range" for fault in faults):
+        return []
+    sound = is_sound(time, faults)
+    if np.count_nonzero(sound) < FEWEST_SAMPLES:
+        return []
+    found = find_held(time, columns, samples)
+    sound &= is_sound(time, found)
+    known = {fault.name for fault in (*faults, *found)}
+    trusted = {name: values[sound] for name, values in columns.items()}
+    if np.count_nonzero(sound) >= FEWEST_SAMPLES and not known & {"wrapped encoder", "frozen signal"}:
+        found += find_rigid(signal_map, trusted)
+        if not known & {"degrees for radians", "wrong unit", "swapped sign"}:
+            found += find_gear(signal_map, trusted)
+    return found
 
 
 def read_series(path: Path, column: str) -> tuple[np.ndarray, np.ndarray]:

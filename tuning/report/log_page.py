@@ -53,18 +53,20 @@ def _headline(summary: Mapping[str, Any], analysis: Analysis | None) -> str:
     if summary["diverged"]:
         said = "The estimate diverged."
     elif not summary["known_share"]:
-        said = "The stiffness is not known: this log does not excite the joint enough."
+        said = f"The stiffness is not known: {summary['unknown_because']}."
     else:
-        low, high = (summary["final_stiffness"] + s * 1.96 * summary["final_stiffness_std"] for s in (-1, 1))
         doubt = "" if summary["final_known"] else ", but it is no longer known at the end"
-        said = f"Stiffness {number(summary['final_stiffness'])} N·m/rad [{number(low)}, {number(high)}]{doubt}."
-    line = None if analysis is None else analysis.characteristic
-    if line is not None and not line.is_line:
-        if line.causes:
-            causes = " and ".join(line.causes)
+        said = (
+            f"Stiffness {number(summary['final_stiffness'])} ± {number(2.0 * summary['final_stiffness_std'])} "
+            f"N·m/rad (two standard deviations of the fit){doubt}."
+        )
+    line = None if analysis is None or analysis.is_faulty else analysis.characteristic
+    if analysis is not None and line is not None and not line.is_line:
+        if analysis.causes:
+            causes = " and ".join(analysis.causes)
             said += f" One number does not describe it, R² {line.r_squared:.3f}: {causes}."
         else:
-            said += f" R² {line.r_squared:.3f}: the rest is noise, or errors of the torque signal."
+            said += f" R² {line.r_squared:.3f}."
     faults = summary["faults"]
     if faults:
         said += f" Something is wrong with the log: {', '.join(dict.fromkeys(f['name'] for f in faults))}."
@@ -76,7 +78,8 @@ def _pictures(answer: Answer, table: RecordingTable, analysis: Analysis | None, 
     yield Picture(
         "Stiffness, torque and deflection",
         draw_estimate(answer, table, title=title),
-        "Grey: not known yet, or no longer. The band is 95 % for one line, one offset and noise.",
+        "Grey: not known yet, or no longer. The band is two standard deviations of the fit; it knows of no error "
+        "of the model, and was not checked against any truth.",
         f"Estimate over {number(float(table.columns['time'][-1]))} s; at the end "
         f"{number(summary['final_stiffness'])} N·m/rad.",
     )
@@ -122,8 +125,11 @@ def _tables(summary: Mapping[str, Any], table: RecordingTable, analysis: Analysi
     )
     yield Table(
         "What is wrong",
-        ("fault", "signal", "what the numbers say", "way out"),
-        [[fault[key] for key in ("name", "signal", "problem", "fix")] for fault in summary["faults"]],
+        ("how bad", "what", "signal", "what the numbers say", "way out"),
+        [
+            [fault[key] for key in ("severity", "name", "signal", "problem", "fix")]
+            for fault in (*summary["faults"], *summary["remarks"])
+        ],
     )
 
 
