@@ -15,7 +15,7 @@ from tuning.tables import parse_toml
 Seed = Annotated[int, pydantic.Field(ge=0, le=2**63 - 1)]
 """Of which random numbers are drawn; what jax can hold."""
 
-_LOGS = {".csv", ".parquet", ".mat", ".h5", ".hdf5", ".bag", ".mcap", ".db3"}
+_LOGS = {".csv", ".tsv", ".txt", ".dat", ".asc", ".parquet", ".mat", ".h5", ".hdf5", ".bag", ".mcap", ".db3"}
 """What recordings are called; `logs.formats` reads them."""
 
 

@@ -98,7 +98,8 @@ def resolve_clock(stream: LogFile, clock: Clock, blame: str, notes: list[str]) -
     if stream.holds_dates(column):
         if clock.unit not in (None, "ns"):
             notes.append(f"clock.unit {clock.unit!r} is not needed: {column!r} holds {stream.type_of(column)}")
-        is_dated = not stream.is_duration(column)
+        # As text there are times of day, of which midnight is no zero of interest.
+        is_dated = not stream.is_duration(column) or stream.lines is not None
         return clock.model_copy(update={"unit": "ns", "start_at_zero": clock.start_at_zero or is_dated})
     if clock.unit is None:
         raise input_error(
@@ -322,8 +323,8 @@ def _date(nanoseconds: Any) -> str:
 def _shown(log: LogFile, column: str, clock: Clock, stamp: Any) -> str:
     """Return a stamp as its file shows it."""
     name = column_in(log, column)
-    if log.holds_dates(name) and not log.is_duration(name):
-        return _date(stamp)
+    if log.holds_dates(name):
+        return f"{stamp / 1e9:.9g} s" if log.is_duration(name) else _date(stamp)
     return f"{stamp} {clock.unit}"
 
 

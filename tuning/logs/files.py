@@ -7,7 +7,7 @@ import io
 import math
 import os
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,9 @@ from tuning.logs.layout import AS_FOUND, FileFormat, Layout, lay_out
 from tuning.logs.numerals import bad_numbers, grouping_of, to_dates, to_numbers, trimmed
 
 SUFFIXES = (".csv", ".parquet")
+"""What is written; text is read by other names too."""
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc")
+READ_SUFFIXES = (*TEXT_SUFFIXES, ".parquet")
 _RAGGED_LINES_SHOWN = 5
 
 
@@ -169,6 +172,9 @@ class LogFile:
             ways_out = ["map another column, or select other messages in [select]"]
         elif got.startswith("no value") and rows.size > 0.05 * self.table.num_rows:
             ways_out.append("has each topic rows of its own? then split_rows = true in [file] of a signal map")
+        if self.lines is not None and rows[0] == 0:
+            line = self.lines[0]
+            ways_out.append(f"in [file] of a signal map, units = true if it holds units, header = {line} if names")
         return input_error(
             f"{self.path}: {self.place(rows[0])}",
             f"column {name!r} has {got} where {wanted} is needed{more}",
@@ -190,7 +196,7 @@ def read_log_file(path: Path, told: FileFormat = AS_FOUND) -> LogFile:
     try:
         log = _read(path, told)
     except pa.ArrowException as error:
-        what = {".csv": "a CSV file", ".parquet": "a Parquet file"}[path.suffix.lower()]
+        what = "a Parquet file" if path.suffix.lower() == ".parquet" else "a table of text"
         raise input_error(path, f"cannot be read as {what}: {error}", "was it cut short or misnamed?") from None
     except UnicodeDecodeError as error:
         raise input_error(path, f"has a column whose name is not UTF-8 ({error.reason})", "rename it") from None
@@ -207,9 +213,9 @@ def read_log_file(path: Path, told: FileFormat = AS_FOUND) -> LogFile:
 def _read(path: Path, told: FileFormat) -> LogFile:
     if path.is_dir():
         raise input_error(path, "is a directory", "name a file in it")
-    suffix = table_suffix(path)
+    suffix = table_suffix(path, READ_SUFFIXES)
     check_readable(path)
-    if suffix == ".csv":
+    if suffix in TEXT_SUFFIXES:
         layout = lay_out(path, told)
         return _with_numbers(_from_text(path, layout), told, is_proven=layout.is_proven)
     table = pa_parquet.ParquetFile(path).read()
@@ -227,11 +233,11 @@ def check_readable(path: Path) -> None:
         raise input_error(path, "is empty (0 bytes)", "was the recording stopped before it was saved?")
 
 
-def table_suffix(path: Path) -> str:
-    """Return the suffix of a table file, or raise `InputError` where it is neither CSV nor Parquet."""
+def table_suffix(path: Path, known: Sequence[str] = SUFFIXES) -> str:
+    """Return the suffix of a table file, or raise `InputError` where it is none of those known."""
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise input_error(path, f"unknown suffix {suffix!r}; known are {', '.join(SUFFIXES)}", "convert it to one")
+    if suffix not in known:
+        raise input_error(path, f"unknown suffix {suffix!r}; known are {', '.join(known)}", "convert it to one")
     return suffix
 
 

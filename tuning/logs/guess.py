@@ -62,6 +62,8 @@ _CLOCKS = (
 """Units of stamps as words of a column's name."""
 _PLAUSIBLE_STEPS = (1e-5, 2.0)
 """Median steps of a joint's log [s]; a unit that a name seems to say and that makes another is none."""
+_DAYS = ((20_000.0, 80_000.0), (690_000.0, 780_000.0))
+"""Days since 1900, as spreadsheets count them, and since the year 0, as MATLAB does."""
 _SIDES = r"motor|rotor|hub|link|load|output|spring|deflect|set_?point|theta|sensor"
 """Words that say which part of a joint an element of a message is of."""
 _LOOKED_AT = 20_000
@@ -264,8 +266,12 @@ def _clock_unit(column: str, stamps: np.ndarray, stream: LogFile) -> tuple[str |
         reason = f"{source} says {unit}, which steps of {step:.4g} contradict; "
     if "stamp" in column and np.issubdtype(stamps.dtype, np.integer) and stamps[0] > 10**17:
         return "ns", f"{reason}nanoseconds since 1970 by its size"
+    first = float(stamps[0])
+    if step < low and low <= step / PER_SECOND["d"] <= high and any(a < first < b for a, b in _DAYS):
+        return "d", f"{reason}unit d, as days of a spreadsheet or of MATLAB that step by {step:.4g}"
     unit = next((u for u, scale in PER_SECOND.items() if step < 0.2 * scale), "ns")
-    return unit, f"{reason}unit {unit}, as it steps by {step:.4g}"
+    doubt = "" if low <= step / PER_SECOND[unit] <= high else ", which is NOT PLAUSIBLE: look it up"
+    return unit, f"{reason}unit {unit}, as it steps by {step:.4g}{doubt}"
 
 
 def _guess(name: str, column: str, values: np.ndarray, log: Log, main: LogFile, pattern: str) -> Guess:

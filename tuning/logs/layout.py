@@ -126,6 +126,10 @@ def lay_out(path: Path, told: FileFormat = AS_FOUND) -> Layout:
         OSError: it cannot be read.
     """
     text, encoding = _decode(path, path.read_bytes(), told)
+    # What Excel writes and reads for itself.
+    if directive := re.match("sep=([,;\t|])\r?\n", text):
+        text = "\n" + text[directive.end() :]
+        told = told.model_copy(update={"separator": told.separator or directive[1]})
     lines, comments, has_wide_rows = _split_lines(path, text, told)
     if not lines:
         raise input_error(path, "has no samples", "a header row and one row per sample are needed")

@@ -27,7 +27,11 @@ _EXPONENT = r"(?:[eE][+-]?[0-9]+)?"
 _NO_NUMBER = r"[+-]?(?i:nan|inf|infinity)"
 _ISO = r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:[0-9]{2}(?::[0-9]{2}(?:[.,][0-9]{1,9})?)?"
 _ZONE = r" ?(?:Z|[+-][0-9]{2}(?::?[0-9]{2})?)"
-_TIME_OF_DAY = r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?"
+_TIME_OF_DAY = (
+    r"(?:(?P<h>[0-9]{1,2}):(?P<m>[0-9]{2}):(?P<s>[0-9]{2}(?:[.,][0-9]{1,9})?))(?: ?(?P<half>[AaPp][Mm]))?"
+)
+_MINUTES = r"(?P<m>[0-9]{1,2}):(?P<s>[0-9]{2}[.,][0-9]{1,9})"
+_OTHER_DATE = r"(?P<date>[0-9]{1,4}[./-][0-9]{1,2}[./-][0-9]{1,4}),?[ T]"
 _LONGEST_INTEGER = 18
 """Digits that surely fit 64 bits."""
 
@@ -56,7 +60,9 @@ def is_number(cell: str, decimal: str = ".") -> bool:
 
 def is_date(cell: str) -> bool:
     """Return whether a cell is a date with its time in ISO 8601, or a time of day."""
-    return re.fullmatch(rf"{_ISO}(?:{_ZONE})?|{_TIME_OF_DAY}", cell) is not None
+    return re.fullmatch(rf"{_ISO}(?:{_ZONE})?|(?:{_OTHER_DATE})?{_TIME_OF_DAY}", cell) is not None or (
+        re.fullmatch(_MINUTES, cell) is not None
+    )
 
 
 def decimal_mark(cells: list[str], given: str | None = None) -> tuple[str | None, str | None]:
@@ -118,30 +124,49 @@ def to_numbers(cells: pa.ChunkedArray, decimal: str = ".", grouping: str | None 
 
 
 def to_dates(cells: pa.ChunkedArray) -> pa.ChunkedArray | None:
-    """Return a column of ISO 8601 dates as time stamps, one of times of day as times since midnight, else `None`.
+    """Return a column of dates in ISO 8601 as time stamps, one of times of day as durations, else `None`.
+
+    Dates of another order count where they are one and the same: then the times of that day are read.
 
     Args:
-        cells: text; all of one kind, with a zone each or none.
+        cells: text without blanks around it; all of one kind, with a zone each or none.
     """
     if cells.null_count == len(cells):
         return None
-    kind = next(
-        (
-            kind
-            for kind, pattern in (("local", _ISO), ("zoned", _ISO + _ZONE), ("day", _TIME_OF_DAY))
-            if pc.all(_matches(cells, f"^{pattern}$")).as_py()
-        ),
-        None,
+    for pattern, zone in ((_ISO, None), (_ISO + _ZONE, "UTC")):
+        if pc.all(_matches(cells, f"^{pattern}$")).as_py():
+            plain = pc.replace_substring_regex(pc.replace_substring(cells, ",", "."), r" (Z|[+-][0-9:]+)$", r"\1")
+            try:
+                return plain.cast(pa.timestamp("ns", zone))
+            except pa.ArrowInvalid:
+                return None
+    for pattern in (_TIME_OF_DAY, _MINUTES, _OTHER_DATE + _TIME_OF_DAY):
+        if pc.all(_matches(cells, f"^{pattern}$")).as_py():
+            return _since_midnight(pc.extract_regex(cells, f"^{pattern}$"))
+    return None
+
+
+def _since_midnight(parts: pa.ChunkedArray) -> pa.ChunkedArray | None:
+    """Return times of one day as durations; where they run over midnight, those of the next day too."""
+    fields = {name.name for name in parts.type}
+
+    def part(name: str) -> Any:
+        return pc.struct_field(parts, name)
+
+    if "date" in fields and len(pc.unique(part("date"))) > 1:
+        return None
+    empty = parts.is_null().to_numpy().astype(bool)
+    seconds = pc.fill_null(pc.replace_substring(part("s"), ",", "."), "0").cast(pa.decimal128(12, 9))
+    nanoseconds = pc.multiply(seconds, pa.scalar(10**9, pa.decimal128(10, 0))).cast(
+        pa.decimal128(25, 0), safe=False
     )
-    if kind is None:
-        return None
-    cells = pc.replace_substring(cells, ",", ".")
-    if kind == "day":
-        cells = pc.replace_substring_regex(cells, "^([0-9]):", r"0\1:")
-        cells = pc.binary_join_element_wise("1970-01-01", cells, " ")
-    cells = pc.replace_substring_regex(cells, r" (Z|[+-][0-9:]+)$", r"\1")
-    try:
-        stamps = cells.cast(pa.timestamp("ns", "UTC") if kind == "zoned" else pa.timestamp("ns"))
-    except pa.ArrowInvalid:
-        return None
-    return stamps.cast(pa.int64()).cast(pa.duration("ns")) if kind == "day" else stamps
+    total = nanoseconds.cast(pa.int64()).to_numpy().copy()
+    total += 60 * 10**9 * pc.fill_null(part("m"), "0").cast(pa.int64()).to_numpy()
+    if "h" in fields:
+        hours = pc.fill_null(part("h"), "0").cast(pa.int64()).to_numpy().copy()
+        half = pc.fill_null(pc.utf8_upper(part("half")), "").to_numpy().astype(str)
+        hours = np.where(half != "", hours % 12 + 12 * (half == "PM"), hours)
+        total += 3600 * 10**9 * hours
+    turn = (24 if "h" in fields else 1) * 3600 * 10**9
+    total += turn * np.concatenate([[0], np.cumsum(np.diff(total) < -turn // 2)])
+    return pa.chunked_array([pa.array(total, mask=empty).cast(pa.duration("ns"))])

@@ -263,7 +263,8 @@ class Signals(Table):
         return {name: signal for name, signal in self if signal is not None}
 
 
-PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9, "d": 1.0 / 86400.0}
+"""Units of time stamps; spreadsheets and MATLAB count days."""
 
 
 class Clock(Table):
@@ -284,7 +285,7 @@ class Clock(Table):
     """
 
     column: str
-    unit: Literal["s", "ms", "us", "ns"] | None = None
+    unit: Literal["s", "ms", "us", "ns", "d"] | None = None
     nanoseconds: str | None = None
     not_before: Annotated[int | float | str, pydantic.Field(union_mode="left_to_right")] | None = None
     nominal_step: _Positive | None = None

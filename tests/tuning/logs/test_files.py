@@ -128,7 +128,7 @@ def test_columns_that_are_numbers_in_any_parquet_type_are_read(tmp_path):
         ("a,b\n1,2\n1,2,3\n1\n", ["line 3", "has 3 cells", "line 4", "has 1 cells"]),
         ("a,b\n" + "1\n" * 9, ["line 6", "9 lines in all are ragged"]),
         ("a,b\n1,2\n1,2\n1,off\n", ["line 4", "column 'b' has 'off' where a number is needed"]),
-        ("a,b\nfoo,bar\n1,2\n", ["line 2", "column 'a' has 'foo'"]),
+        ("a,b\nfoo,bar\n1,2\n", ["line 2", "column 'a' has 'foo'", "units = true", "header = 2"]),
         ("a,b\n1,x\n\n1,y\n", ["line 2", "column 'b' has 'x'", "2 such rows in all", "mend"]),
         (
             "a,b\n1,2\n\n1,\n1,\n",
@@ -167,7 +167,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
     (tmp_path / "elbow.csv").write_text("a\n1\n")
     says(tmp_path / "elbwo.csv", "no such file", "did you mean", "elbow.csv")
     says(tmp_path / "nowhere" / "log.csv", "no such file", "check the path")
-    says(tmp_path / "log.mat", "unknown suffix '.mat'", ".csv, .parquet")
+    says(tmp_path / "log.mat", "unknown suffix '.mat'", ".csv, .tsv, .txt")
     (tmp_path / "folder.csv").mkdir()
     says(tmp_path / "folder.csv", "is a directory", "name a file in it")
     says(tmp_path, "is a directory")

@@ -79,6 +79,7 @@ READ = {
         "\n".join([",".join(NAMES), *map(quoted, rows())]).encode(),
         ["decimal comma (file.decimal)"],
     ),
+    "what Excel says of its separator": (("sep=;\n" + text(";", comma=True)).encode(), ["decimal comma"]),
     "UTF-8 with a mark": (text().encode("utf-8-sig"), []),
     "UTF-16 with a mark": (text().encode("utf-16"), ["utf-16 (file.encoding)"]),
     "UTF-16 without one": (text().encode("utf-16-be"), ["utf-16-be (file.encoding)"]),
@@ -135,11 +136,15 @@ def test_digits_in_groups_are_numbers_where_nothing_else_is_possible(tmp_path):
         "2024-03-01T13:10:{:06.3f}+01:00",
         "13:10:{:09.6f}",
         "9:10:{:06.3f}",
+        "9:10:{:06.3f} PM",
+        "10:{:04.3f}",
+        "01.03.2024 13:10:{:06.3f}",
+        "3/1/2024, 1:10:{:06.3f} PM",
     ],
 )
 @pytest.mark.parametrize("mark", [".", ","])
 def test_dates_are_a_clock_with_a_unit_and_a_zero(tmp_path, date, mark):
-    stamps = [f'"{date.format(34.0 + t).replace(".", mark)}"' for t in TIME]
+    stamps = [f'"{mark.join(date.format(34.0 + t).rsplit(".", 1))}"' for t in TIME]
     lines = [f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(stamps, rows(), strict=True)]
     path = tmp_path / "log.csv"
     path.write_text("\n".join(["timestamp,deflection_rad,torque_Nm", *lines]))
@@ -153,6 +158,38 @@ def test_dates_are_a_clock_with_a_unit_and_a_zero(tmp_path, date, mark):
     noted = read(path, ("timestamp", *NAMES[1:]))
     holds(noted)
     assert any("clock.unit 's' is not needed" in note for note in noted.notes)
+
+
+@pytest.mark.parametrize(("day", "hours"), [("{}", (23, 0)), ("{} PM", (11, 12))])
+def test_times_of_day_run_on_over_midnight(tmp_path, day, hours):
+    path = tmp_path / "log.csv"
+    late, early = (
+        day.format(f"{hour}:{rest}") for hour, rest in zip(hours, ("59:59.900", "00:00.100"), strict=True)
+    )
+    early = early.replace("PM", "AM")
+    path.write_text(f"time,deflection,elastic_torque\n{late},0,0\n{early},1,1\n{early.replace('.1', '.3')},1,1\n")
+    np.testing.assert_allclose(read_recording(path).columns["time"], [0.0, 0.2, 0.4], atol=1e-9)
+
+
+def test_days_of_spreadsheets_and_of_matlab_are_a_unit(tmp_path):
+    path = tmp_path / "log.csv"
+    for zero in (45352.55, 739312.55):
+        stamps = [f"{zero + t / 86400.0:.13f}" for t in TIME]
+        lines = [f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(stamps, rows(), strict=True)]
+        path.write_text("\n".join(["time,deflection_rad,torque_Nm", *lines]))
+        proposal = propose(path)
+        assert proposal.clock[1] == "d"
+        (tmp_path / "map.toml").write_text(to_map(proposal, path))
+        table = read_recording(path, tmp_path / "map.toml")
+        # A double of that many days resolves 10 µs.
+        np.testing.assert_allclose(table.columns["time"], TIME, atol=2e-5)
+
+
+@pytest.mark.parametrize("suffix", [".tsv", ".txt", ".dat", ".asc"])
+def test_text_by_other_names_is_read_too(tmp_path, suffix):
+    path = tmp_path / f"log{suffix}"
+    path.write_text(text("\t") if suffix == ".tsv" else text(" ", head=(BLANKS,)))
+    holds(read(path))
 
 
 def test_a_file_without_a_header_takes_its_names_from_the_map(tmp_path):
