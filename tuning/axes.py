@@ -12,6 +12,8 @@ from tuning.errors import input_error
 from tuning.schema import Table
 
 Scale = Literal["linear", "log"]
+_SWITCHES = {"true": True, "false": False}
+_WORD = re.compile(r"[A-Za-z_][^(),=\s]*")
 _RANGE = re.compile(r"^(log|lin|linear)\(([^,]+),([^,]+),([^,]+)\)$")
 
 _TORQUE_ONLY = re.compile(
@@ -52,9 +54,10 @@ class Bounds(Table):
 
 
 class Axis(Table):
-    """One axis of a grid: either a list of values, or a range."""
+    """One axis of a grid: a list of values, a range, or `options` that are no numbers: texts and switches."""
 
     values: list[float] | None = None
+    options: list[str | bool] | None = None
     low: float | None = None
     high: float | None = None
     points: Annotated[int, Field(ge=1)] | None = None
@@ -63,14 +66,17 @@ class Axis(Table):
     @model_validator(mode="before")
     @classmethod
     def _from_list(cls, data: Any) -> Any:
-        return {"values": data} if isinstance(data, list) else data
+        if not isinstance(data, list):
+            return data
+        return {"options" if any(isinstance(value, str | bool) for value in data) else "values": data}
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         span = (self.low, self.high, self.points)
-        if (self.values is None) == any(x is None for x in span):
+        listed = self.values if self.options is None else self.options
+        if (listed is None) == any(x is None for x in span) or None not in (self.values, self.options):
             raise ValueError("needs either a list of values, or low, high and points")
-        if self.values is not None and (not self.values or len(set(self.values)) < len(self.values)):
+        if listed is not None and (not listed or len(set(listed)) < len(listed)):
             raise ValueError("needs at least one value, and each only once")
         if self.low is not None and self.high is not None and self.points != 1 and not self.low < self.high:
             raise ValueError(f"low must be below high; got {self.low} and {self.high}")
@@ -88,7 +94,8 @@ class Axis(Table):
     @property
     def size(self) -> int:
         """Number of values, however many: none of them is made to count them."""
-        return (self.points or 1) if self.values is None else len(self.values)
+        listed = self.values if self.options is None else self.options
+        return (self.points or 1) if listed is None else len(listed)
 
     def ends(self) -> tuple[float, float]:
         """Return the smallest and the largest value."""
@@ -98,8 +105,19 @@ class Axis(Table):
         return low, low if self.points == 1 else high
 
 
+def _listed(words: list[str]) -> list[Any]:
+    """Return the values of a list on the command line: numbers, or, where one is none, texts and switches."""
+    words = [word.strip() for word in words]
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        if any(not _WORD.fullmatch(word) for word in words):
+            raise  # It says which of them is no number.
+        return [_SWITCHES.get(word, word) for word in words]
+
+
 def parse_axis(text: str) -> tuple[str, Axis]:
-    """Return the path and axis of a command-line grid, `a.b=log(lo,hi,n)`, `lin(lo,hi,n)` or `v1,v2,…`.
+    """Return the path and axis of a command-line grid: `a.b=log(lo,hi,n)`, `lin(lo,hi,n)`, `1,2`, or `text,text`.
 
     Raises:
         InputError: the text is neither.
@@ -113,7 +131,7 @@ def parse_axis(text: str) -> tuple[str, Axis]:
         if match:
             scale: Scale = "log" if match[1] == "log" else "linear"
             return path, Axis(low=float(match[2]), high=float(match[3]), points=int(match[4]), scale=scale)
-        return path, Axis(values=[float(value) for value in values.split(",")])
+        return path, Axis.model_validate(_listed(values.split(",")))
     except ValueError as error:
         reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
         raise input_error(f"--grid {text}", reason.removeprefix("Value error, "), fix) from None

@@ -181,8 +181,8 @@ def _draw_stiffness(axis: Axes, columns: Mapping[str, np.ndarray], truth: np.nda
 
 
 def draw_sweep(
-    rows: Sequence[Mapping[str, float]],
-    axes_values: Mapping[str, Sequence[float]],
+    rows: Sequence[Mapping[str, Any]],
+    axes_values: Mapping[str, Sequence[Any]],
     objective: str,
     *,
     pair: tuple[str, str] | None = None,
@@ -191,7 +191,7 @@ def draw_sweep(
 
     Args:
         rows: the configurations with their means.
-        axes_values: the axes by path.
+        axes_values: the axes by path; where a setting leaves a number without meaning, only its first is drawn.
         objective: what was averaged.
         pair: draw only this pair of axes.
     """
@@ -220,8 +220,8 @@ def draw_sweep(
             best = np.unravel_index(np.nanargmin(plane), plane.shape)
             axis.plot(best[1] + 0.5, best[0] + 0.5, "*", color="white", markersize=11, markeredgecolor="black")
             _outline(axis, plane <= NEAR * np.nanmin(plane))
-        axis.set_xticks(np.arange(len(x)) + 0.5, [f"{value:.2g}" for value in x], rotation=60, fontsize=8)
-        axis.set_yticks(np.arange(len(y)) + 0.5, [f"{value:.2g}" for value in y], fontsize=8)
+        axis.set_xticks(np.arange(len(x)) + 0.5, [_tick(value) for value in x], rotation=60, fontsize=8)
+        axis.set_yticks(np.arange(len(y)) + 0.5, [_tick(value) for value in y], fontsize=8)
         axis.set_xlabel(paths[b])
         axis.set_ylabel(paths[a])
         axis.grid(visible=False)
@@ -233,6 +233,10 @@ def draw_sweep(
     bar.set_label(f"mean {_OBJECTIVES[objective]},\nbest over other axes")
     figure.suptitle(f"Star: best configuration; outline: within {100 * (NEAR - 1):.0f} % of it")
     return figure
+
+
+def _tick(value: Any) -> str:
+    return f"{value:.2g}" if isinstance(value, float) else plain(str(value))
 
 
 def _outline(axis: Axes, inside: np.ndarray) -> None:
@@ -248,15 +252,20 @@ def _outline(axis: Axes, inside: np.ndarray) -> None:
 def _draw_curve(
     cube: np.ndarray,
     paths: Sequence[str],
-    values: Mapping[str, Sequence[float]],
+    values: Mapping[str, Sequence[Any]],
     wide: Sequence[int],
     objective: str,
 ) -> Figure:
     path = paths[wide[0] if wide else 0]
     figure, axis = new_figure(5.5, 3.6)
-    axis.plot(values[path], cube.reshape(-1), "o-", color=ESTIMATE)
-    if min(values[path]) > 0:
-        axis.set_xscale("log")
+    if all(isinstance(value, float) for value in values[path]):
+        axis.plot(values[path], cube.reshape(-1), "o-", color=ESTIMATE)
+        if min(values[path]) > 0:
+            axis.set_xscale("log")
+    else:
+        # Settings have no distances: one place each, and no line between them.
+        axis.plot(np.arange(len(values[path])), cube.reshape(-1), "o", color=ESTIMATE)
+        axis.set_xticks(np.arange(len(values[path])), [_tick(value) for value in values[path]])
     if np.isfinite(cube).any():
         axis.set_yscale("log")
     axis.set_xlabel(path)

@@ -7,7 +7,6 @@ remaining axes make the lanes, which `rollout.map_lanes` spreads over chunks and
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -84,7 +83,15 @@ class Grid:
     @cached_property
     def outer_points(self) -> np.ndarray:
         """`(point, axis)` values of the outer axes; one empty point where there is none."""
-        return np.array(list(itertools.product(*(self.axes[path] for path in self.outer))), dtype=float)
+        if not self.outer:
+            return np.empty((1, 0))
+        each = np.meshgrid(*(np.asarray(self.axes[path], float) for path in self.outer), indexing="ij")
+        return np.stack([values.reshape(-1) for values in each], axis=1)
+
+    @property
+    def outer_count(self) -> int:
+        """Number of outer points."""
+        return math.prod(len(self.axes[path]) for path in self.outer)
 
     @property
     def inner_size(self) -> int:

@@ -15,6 +15,8 @@ from tuning.tables import parse_toml
 Seed = Annotated[int, pydantic.Field(ge=0, le=2**63 - 1)]
 """Of which random numbers are drawn; what jax can hold."""
 
+UNKNOWN_KEY = "unknown key"
+"""What is said of a key that a table does not have."""
 _LOGS = {".csv", ".tsv", ".txt", ".dat", ".asc", ".parquet", ".mat", ".h5", ".hdf5", ".bag", ".mcap", ".db3"}
 """What recordings are called; `logs.formats` reads them."""
 
@@ -88,7 +90,7 @@ def _as_mistake(item: Any, model: type[pydantic.BaseModel], place: str) -> Mista
         siblings = _sibling_keys(keys[:-1], model)
         near = difflib.get_close_matches(keys[-1], siblings, 1)
         fix = f"did you mean {near[0]}?" if near else f"remove it; allowed here: {', '.join(siblings)}"
-        return Mistake(where, "unknown key", fix)
+        return Mistake(where, UNKNOWN_KEY, fix)
     if item["type"] == "missing":
         return Mistake(where, "is missing", "add it; the examples that ship with vsajax have every key")
     if item["type"] in {"model_type", "dict_type", "model_attributes_type"}:

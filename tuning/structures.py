@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tuning.errors import Mistake
+from tuning.axes import Axis
+from tuning.errors import Mistake, input_error
 
 Choices = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Choice -> option -> dotted path -> what is put there: a value or a whole table."""
 Chosen = dict[str, str]
 """Choice -> option."""
+Setting = str | bool | int
+"""What shapes a program: each value of it is compiled on its own."""
+_MOST_STRUCTURES = 64
 
 _ROOTS = (
     *("joint", "excitation", "sensing", "clock", "estimator"),
@@ -33,6 +38,38 @@ def settings_of(choices: Choices, chosen: Chosen) -> dict[str, Any]:
 def label(chosen: Chosen) -> str:
     """Return a combination for people."""
     return ", ".join(f"{name} = {option}" for name, option in chosen.items())
+
+
+def check_options(axis: Axis, own: Setting, where: str) -> list[Mistake]:
+    """Return what is wrong with an axis over a setting; `own` is the study's."""
+    if axis.options is not None:
+        return []
+    values = axis.values or []
+    if isinstance(own, str | bool):
+        fix = "true,false" if isinstance(own, bool) else "residual,sensor"
+        return [Mistake(where, f"got numbers; needs options as {own!r} is", f"e.g. {fix}")]
+    if axis.values is None:
+        return [Mistake(where, "got a range; whole numbers are listed", "e.g. 2,4,6")]
+    return [Mistake(where, f"got {v:g}; needs whole numbers", "e.g. 2,4,6") for v in values if v != int(v)][:1]
+
+
+def options_of(axis: Axis, own: Setting) -> list[Setting]:
+    """Return the values of an axis over a setting, which `check_options` found to be right."""
+    if axis.options is not None:
+        return list(axis.options)
+    return [int(value) for value in axis.values or []]
+
+
+def require_few(axes: Mapping[str, Sequence[Setting]], place: str) -> None:
+    """Refuse more combinations of settings than anybody would compile.
+
+    Raises:
+        InputError: names their number.
+    """
+    count = math.prod(map(len, axes.values()))
+    if count > _MOST_STRUCTURES:
+        problem = f"makes {count} structures, each a program of its own; allowed: {_MOST_STRUCTURES}"
+        raise input_error(f"{place} ({', '.join(axes)})", problem, "sweep some of them at a time")
 
 
 def check_choices(choices: Choices, place: str) -> list[Mistake]:

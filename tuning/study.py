@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import difflib
 import hashlib
+import itertools
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -27,9 +28,19 @@ from tuning.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimat
 from tuning.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
 from tuning.population import Population
 from tuning.resources import preset_path
-from tuning.schema import Seed, Table, read_toml, validate
+from tuning.schema import UNKNOWN_KEY, Seed, Table, read_toml, validate
 from tuning.statistic import Statistic
-from tuning.structures import Chosen, blame, check_choices, combinations, settings_of
+from tuning.structures import (
+    Chosen,
+    Setting,
+    blame,
+    check_choices,
+    check_options,
+    combinations,
+    options_of,
+    require_few,
+    settings_of,
+)
 from tuning.tables import merge, put, with_settings
 from tuning.text import Line
 
@@ -286,6 +297,22 @@ def numeric_paths(config: Base) -> dict[str, float]:
     return found
 
 
+def structural_paths(config: Base) -> dict[str, Setting]:
+    """Return every setting of the bench that shapes a program, by its path: texts, switches and whole numbers."""
+    found: dict[str, Setting] = {}
+
+    def walk(prefix: str, value: Any) -> None:
+        if isinstance(value, Part):
+            for name in type(value).model_fields:
+                walk(f"{prefix}.{name}", getattr(value, name))
+        elif isinstance(value, str | bool | int):
+            found[prefix] = value
+
+    for part in _BENCH:
+        walk(part, getattr(config, part, None))
+    return found
+
+
 def with_numbers(config: Base, values: Mapping[str, float], place: str) -> Study:
     """Return the study with numbers replaced, validated anew."""
     tables = resolved(config)
@@ -358,18 +385,101 @@ def _check_together(study: Study, place: str) -> None:
     numbers = numeric_paths(study)
     # Where structures are chosen, a parameter need only exist in one of them, which is checked there.
     tuned = {} if study.tune.choices else study.tune.parameters
-    for table, axes in (("sweep.grid", study.sweep.grid), ("tune.parameters", tuned)):
-        for path, axis in axes.items():
-            where = f"{place}: {table}.{path!r}"
-            mistakes += check_path(path, where, numbers)
-            if path in numbers:
-                mistakes += _check_values(study, path, axis, where)
+    for path, bounds in tuned.items():
+        where = f"{place}: tune.parameters.{path!r}"
+        mistakes += check_path(path, where, numbers)
+        if path in numbers:
+            mistakes += _check_values(study, path, bounds, where)
+    mistakes += _check_grid(study, f"{place}: sweep.grid", numbers)
     if study.tune.choices and not mistakes:
         mistakes += _check_structures(study, place)
     mistakes += _check_only(study, place)
     mistakes += _check_population(study, place, numbers)
     if mistakes:
         raise InputError(*mistakes)
+
+
+def _check_grid(study: Study, place: str, numbers: Mapping[str, float]) -> list[Mistake]:
+    """Check that axes lead to numbers within their limits, or to settings that can be combined."""
+    mistakes, settings = [], structural_paths(study)
+    for path, axis in study.sweep.grid.items():
+        where = f"{place}.{path!r}"
+        mistakes += check_path(path, where, {**settings, **numbers})
+        if path in numbers and axis.options is None:
+            mistakes += _check_values(study, path, axis, where)
+        elif path in numbers and axis.options is not None:
+            mistakes.append(Mistake(where, f"got {axis.options[0]!r}; needs numbers", "e.g. 1,2,5"))
+        elif path in settings:
+            mistakes += check_options(axis, settings[path], where)
+    if mistakes or study.sweep.grid.keys() <= numbers.keys():
+        return mistakes
+    try:
+        grid_structures(study, place)
+    except InputError as error:
+        return list(error.mistakes)
+    return []
+
+
+def grid_structures(study: Study, place: str) -> list[tuple[dict[str, Setting], Study]]:
+    """Return the study of every combination of the settings that its grid varies; itself where it varies none.
+
+    Of its axes and parameters each study keeps those that lead to numbers of its own.
+
+    Raises:
+        InputError: a combination is no valid study, or there are more than can be compiled.
+    """
+    settings = structural_paths(study)
+    axes = {path: options_of(axis, settings[path]) for path, axis in study.sweep.grid.items() if path in settings}
+    if not axes:
+        return [({}, study)]
+    require_few(axes, place)
+    found, mistakes = [], {}
+    for chosen in (dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())):
+        try:
+            found.append((chosen, _regrid(study, chosen)))
+        except InputError as error:
+            said = ", ".join(f"{path} = {value}" for path, value in chosen.items())
+            wider = "name a study whose table has more keys, or use tune.choices, whose options are tables"
+            for m in error.mistakes:
+                where, fix = m.place.removeprefix(": "), wider if m.problem == "is missing" else m.fix
+                mistakes.setdefault((where, m.problem), Mistake(f"{place} ({said}): {where}", m.problem, fix))
+    if mistakes:
+        raise InputError(*mistakes.values())
+    return found
+
+
+def _regrid(study: Study, chosen: Mapping[str, Setting]) -> Study:
+    """Return a study with settings replaced, without the keys, axes and parameters that then have no place."""
+    tables = resolved(study)
+    for path, value in chosen.items():
+        put(tables, path.split("."), value)
+    bare = {"tune": {**tables["tune"], "parameters": {}, "choices": {}}, "sweep": {}}
+    try:
+        numbers = numeric_paths(parse_study(tables | bare, ""))
+    except InputError as error:
+        if not _drop_unknown(tables, error, chosen):
+            raise
+        numbers = numeric_paths(parse_study(tables | bare, ""))
+    for table, key in (("tune", "parameters"), ("sweep", "grid")):
+        tables[table][key] = {path: axis for path, axis in tables[table][key].items() if path in numbers}
+    tables["tune"]["choices"] = {}
+    return parse_study(tables, "")
+
+
+def _drop_unknown(tables: dict[str, Any], error: InputError, chosen: Mapping[str, Setting]) -> bool:
+    """Remove keys that a chosen type has no use for, and return whether there were any."""
+    changed = [path.rpartition(".")[0] for path in chosen if path.endswith(".type")]
+    dropped = False
+    for mistake in error.mistakes:
+        path = mistake.place.removeprefix(": ")
+        parent, _, key = path.rpartition(".")
+        if mistake.problem == UNKNOWN_KEY and parent in changed:
+            inner = tables
+            for name in parent.split("."):
+                inner = inner[name]
+            del inner[key]
+            dropped = True
+    return dropped
 
 
 def _check_only(study: Study, place: str) -> list[Mistake]:
@@ -483,7 +593,7 @@ def observers_of(estimator: Part, path: str) -> Iterator[tuple[str, AlgebraicObs
             yield from observers_of(estimator.other, f"{path}.other")
 
 
-def check_path(path: str, where: str, numbers: Mapping[str, float]) -> list[Mistake]:
+def check_path(path: str, where: str, numbers: Mapping[str, object]) -> list[Mistake]:
     """Return what is wrong with a dotted path that should lead to a number of the bench."""
     if path in numbers:
         return []

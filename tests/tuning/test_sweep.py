@@ -48,10 +48,10 @@ def test_results_have_one_row_a_configuration_and_scenario(whole):
         (n, s) for n in range(10) for s in range(SCENARIOS)
     ]
     for row in rows:
-        assert {path: row[path] for path in AXES} == planned.grid.values_of(row["configuration"])
-    scores = planned.grid.evaluate(planned.grid.outer_points)["msrep"]
+        assert {path: row[path] for path in AXES} == planned.structures[0].grid.values_of(row["configuration"])
+    scores = planned.structures[0].grid.evaluate(planned.structures[0].grid.outer_points)["msrep"]
     for row in rows:
-        ((point,), (inner,)) = np.nonzero(planned.grid.configuration_of == row["configuration"])
+        ((point,), (inner,)) = np.nonzero(planned.structures[0].grid.configuration_of == row["configuration"])
         # The same program on five points instead of three.
         np.testing.assert_allclose(row["msrep"], scores[point, inner, row["scenario"]], rtol=1e-11)
 

@@ -22,8 +22,8 @@ from tuning.problem import Status, Stream
 from tuning.robustness import Columns, Influence, Interval, Summary, summarise
 from tuning.seal import SEALED, breaks_seal
 from tuning.store import columns_of, is_file, read_manifest, read_results, read_table
-from tuning.study import Study, load_config, load_study, parse_study, study_hash, with_numbers
-from tuning.sweep import rank
+from tuning.study import Study, load_config, load_study, parse_study, study_hash
+from tuning.sweep import GridSweep, Value, rank
 
 COMMANDS = ("montecarlo", "sweep", "tune", "compare")
 _WORST = 5
@@ -91,12 +91,12 @@ class FinishedRun:
         return summarise(self.columns, design, study.population, factors, objective, _WORST, seed=study.seed)
 
     @cached_property
-    def axes(self) -> dict[str, list[float]]:
+    def axes(self) -> dict[str, list[Value]]:
         """The axes of a sweep."""
         return {path: list(values) for path, values in self.manifest["plan"]["axes"].items()}
 
     @cached_property
-    def ranking(self) -> list[dict[str, float]]:
+    def ranking(self) -> list[dict[str, Any]]:
         """The configurations of a sweep, best first."""
         return rank(read_results(self.folder), list(self.axes), self.objective)
 
@@ -200,8 +200,8 @@ def _swept(run: FinishedRun) -> list[Contestant]:
     first = run.ranking[0]
     rows = np.flatnonzero(run.columns["configuration"] == first["configuration"])
     rows = rows[np.argsort(run.columns["scenario"][rows])]
-    values = {path: first[path] for path in run.axes}
-    study = with_numbers(run.study, values, f"{run.folder}: best configuration")
+    sweep = GridSweep.from_plan(run.study, run.manifest["plan"])
+    study = sweep.study_of(first["configuration"], f"{run.folder}: best configuration")
     return [Contestant("best configuration", study, _metrics(run.columns, rows))]
 
 

@@ -110,6 +110,11 @@ def number(value: float) -> str:
     return f"{value:.4g}".replace("-", "−")
 
 
+def valued(value: object) -> str:
+    """Return a value of an axis: a number with four digits, a setting as it is."""
+    return number(value) if isinstance(value, float) else str(value)
+
+
 def span(low: float, high: float) -> str:
     """Return an interval; a dash where it is not known."""
     return "–" if math.isnan(low) and math.isnan(high) else f"{number(low)} … {number(high)}"

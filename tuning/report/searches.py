@@ -25,7 +25,7 @@ from tuning.report.elements import (
     show_traces,
 )
 from tuning.report.gather import FinishedRun
-from tuning.report.page import Picture, number
+from tuning.report.page import Picture, number, valued
 from tuning.report.pictures import UNITS, short_paths, short_rows
 
 _PAIRS = 6
@@ -37,7 +37,7 @@ def describe_sweep(run: FinishedRun) -> Parts:
     ranking, names = run.ranking, short_paths(list(run.axes))
     best = ranking[0]
     near = sum(row["mean"] <= NEAR * best["mean"] for row in ranking)
-    at = ", ".join(f"{name} = {number(best[path])}" for name, path in zip(names, run.axes, strict=True))
+    at = ", ".join(f"{name} = {valued(best[path])}" for name, path in zip(names, run.axes, strict=True))
     diverged = sum(row["diverged"] > 0 for row in ranking)
     headline = (
         f"Best of {len(ranking)} configurations on {run.manifest['plan']['scenarios']} noise draws: "
@@ -60,7 +60,7 @@ def _sweep_pictures(run: FinishedRun) -> Iterator[Picture]:
     names = short_paths(list(run.axes))
     axes = dict(zip(names, run.axes.values(), strict=True))
     rows: list[dict[str, Any]] = [renamed(row, list(run.axes), names) for row in ranking]
-    best = ", ".join(f"{name} = {number(rows[0][name])}" for name in names)
+    best = ", ".join(f"{name} = {valued(rows[0][name])}" for name in names)
     yield from show_traces(run, run.best, "True and estimated stiffness of the best configuration")
     wide = [name for name in names if len(axes[name]) > 1]
     if len(wide) < 2:
@@ -75,11 +75,19 @@ def _sweep_pictures(run: FinishedRun) -> Iterator[Picture]:
             f"Heat map of mean {objective} over {pair[0]} and {pair[1]}; the best is at {best}, "
             f"and the outline holds all within {100 * (NEAR - 1):.0f} % of it.",
         )
-    scored = [row for row in rows if np.isfinite(row["mean"])]
-    if scored and len(names) > 1:
-        yield show_parallel(scored, names, "mean", f"mean {UNITS[objective]}")
+    # Settings have no scale, and numbers that not every structure has no place on one.
+    paths = [path for path in run.axes if _is_numeric(run.columns[path])]
+    numbers = short_paths(paths)
+    scored = [renamed(row, paths, numbers) for row in ranking if np.isfinite(row["mean"])]
+    if scored and len(numbers) > 1:
+        yield show_parallel(scored, numbers, "mean", f"mean {UNITS[objective]}")
     yield show_front(*_configurations(run), f"mean {UNITS[objective]}")
-    yield show_causes(*short_rows(run.columns, list(run.axes)), objective)
+    if paths:
+        yield show_causes(*short_rows(run.columns, paths), objective)
+
+
+def _is_numeric(values: np.ndarray) -> bool:
+    return values.dtype.kind == "f" and bool(np.isfinite(values).all())
 
 
 def _configurations(run: FinishedRun) -> tuple[np.ndarray, np.ndarray]:
