@@ -16,7 +16,7 @@ from tuning.limits import Need, in_count, product
 from tuning.parts.bench import BandLimitedNoise, Clock
 from tuning.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.runtime import usable_cores
-from tuning.study import Config, DampingStudy, EstimationStudy, Study
+from tuning.study import Config, DampingStudy, EstimationStudy, Study, grid_structures
 
 if TYPE_CHECKING:
     from tuning.logs.study import LogStudy
@@ -140,6 +140,12 @@ def of_scores(
     )
 
 
+def of_structures(study: Study, place: str) -> list[Need]:
+    """Return what the estimator of every combination of settings that a study's grid varies needs."""
+    studies = [one for chosen, one in grid_structures(study, f"{place}: sweep.grid") if chosen]
+    return [of_fit(one.estimator, place) for one in studies if isinstance(one, Config)]
+
+
 def of_sweep(study: Study, place: str, *, machines: float = 1.0) -> Need:
     """Return what the grid of a study needs; `place` is the file's, or that of the options in its place."""
     sizes = {path: axis.size for path, axis in study.sweep.grid.items()}
@@ -220,7 +226,7 @@ def of_study(study: Study, place: str) -> list[Need]:
     """Return what a study asks for by itself: its recording, its grid, its search by default, its judgement."""
     found = of_base(study, place)
     if study.sweep.grid:
-        found.append(of_sweep(study, f"{place}: sweep.grid"))
+        found += [*of_structures(study, place), of_sweep(study, f"{place}: sweep.grid")]
     if study.tune.parameters:
         found.append(of_gradient(study, f"{place}: tune"))
         found.append(of_held_out(study, 2, f"{place}: scenarios.held_out"))

@@ -51,6 +51,7 @@ PLANS = [
     f"montecarlo {POPULATION} -o run --workers 100000000",
     f"check {SERIAL} --set {TERMS}=3000",
     f"sweep {SERIAL} -o run --set {TERMS}=3000",
+    f"sweep {SERIAL} -o run --grid {TERMS}=2,3000",
     f"estimate {HEBI} -c {CONFIG} -o e.parquet --set estimator.basis={{type='polynomial',order=3000}}",
     f"export {CONFIG} --to c99 -o out --set estimator.basis={{type='polynomial',order=100000}}",
     f"export {SERIAL} --to toml -o out {FINE}",

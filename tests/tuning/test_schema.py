@@ -208,7 +208,7 @@ def test_a_range_of_a_grid_is_held_against_the_number_that_it_replaces(axis, pro
     ("path", "fix"),
     [
         ("estimator.fit.prior_scle", "did you mean estimator.fit.prior_scale"),
-        ("estimator.basis.deflection_terms", "did you mean"),
+        ("estimator.basis.deflection_scal", "did you mean estimator.basis.deflection_scale"),
         ("zzz", "`vsajax check STUDY` lists every number"),
     ],
 )

@@ -90,12 +90,13 @@ def sweep(
         refuse_given("does not go with --dry-run, which goes on with nothing", "resume")
     where = executor_for(executor, workers, scheduler, folder, wait)
     from tuning.limits import require
-    from tuning.needs import of_base, of_sweep
+    from tuning.needs import of_base, of_structures, of_sweep
     from tuning.runtime import start_jax
 
     place = "--grid" if grids else f"{study}: sweep.grid"
     asked = of_sweep(loaded, place, machines=machines_of(executor, workers, scheduler))
-    require(*of_base(loaded, str(study)), asked, *needs_of_workers(executor, workers))
+    base = [*of_base(loaded, str(study)), *of_structures(loaded, str(study))]
+    require(*base, asked, *needs_of_workers(executor, workers))
     start_jax()
     from tuning.sweep import plan_sweep, rank, write_winner
 
