@@ -58,6 +58,16 @@ class Deployable(ABC):
         """What it was made for [s]; `None` where any will do."""
 
     @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints' own names, from the base on; none where nothing names them."""
+        return ()
+
+    @property
+    def joint_count(self) -> int:
+        """How many joints there are."""
+        return 1
+
+    @property
     def needs_regular_clock(self) -> bool:
         """Whether it takes no other sample time."""
         return False

@@ -8,6 +8,7 @@ from pathlib import Path as File
 import jax.numpy as jnp
 import numpy as np
 
+from tuning.arm.names import numbered
 from tuning.arm.problem import ArmProblem, build_problem, pose_of
 from tuning.arm.study import ArmStudy
 from tuning.errors import input_error
@@ -65,6 +66,17 @@ class DeployableDesigner(Deployable):
     def title(self) -> str:
         """What it is, for people."""
         return f"Cartesian stiffness of an arm with {self.problem.arm.joints} joints, in every cycle"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints' own names, e.g. those of a URDF; none where they have only numbers."""
+        names = self.problem.names
+        return () if names == numbered(len(names)) else names
+
+    @property
+    def joint_count(self) -> int:
+        """How many joints the arm has."""
+        return self.problem.arm.joints
 
     @property
     def parts(self) -> Mapping[tuple[str, ...], Part]:

@@ -10,6 +10,7 @@ from typing import Any
 from tuning.errors import InputError, input_error
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.configs import load_exportable
+from tuning.exports.deployable import Deployable
 from tuning.exports.deployables import deployable_of
 from tuning.exports.flatten import Untraceable
 from tuning.exports.formats.registry import writer_of
@@ -56,11 +57,8 @@ def export_config(
     deployable = deployable_of(load_exportable(path, settings), str(path))
     _check_folder_is_free(folder, target)
     try:
-        program = deployable.program(own)
-        identity = study_hash(deployable.config)
-        golden = make_golden(deployable, program, seconds=seconds, recording=recording)
-        subject = Subject(deployable, program, golden, banner_of(path, identity), identity)
-        artefact = writer_of(target)(subject)
+        subject = subject_of(deployable, path, seconds=seconds, recording=recording, name=own)
+        return write_export(subject, target, path, folder, thorough=thorough)
     except Untraceable as error:
         raise input_error(
             path, f"cannot be exported as {target}: {error}", "choose --to toml, or change it"
@@ -69,7 +67,39 @@ def export_config(
         raise input_error(
             f"--to {target}", f"needs a package that is not installed ({error})", "pip install 'vsajax[export]'"
         ) from None
-    manifest = manifest_of(subject, target, path, artefact)
+
+
+def subject_of(
+    deployable: Deployable,
+    source: Path,
+    *,
+    seconds: float = SECONDS,
+    recording: Path | None = None,
+    name: str | None = None,
+) -> Subject:
+    """Return what all formats are written from: the traced step and its golden recording.
+
+    Args:
+        deployable: what is exported.
+        source: the file of its configuration.
+        seconds: length of the golden recording where it is simulated [s].
+        recording: the user's recording, in place of a simulated one.
+        name: of all that is generated, in place of the configuration's.
+
+    Raises:
+        InputError: the recording cannot be used.
+        Untraceable: the step cannot leave Python.
+    """
+    program = deployable.program(name)
+    identity = study_hash(deployable.config)
+    golden = make_golden(deployable, program, seconds=seconds, recording=recording)
+    return Subject(deployable, program, golden, banner_of(source, identity), identity)
+
+
+def write_export(subject: Subject, target: str, source: Path, folder: Path, *, thorough: bool = False) -> Exported:
+    """Write a subject in a format, with all that lies beside it, and run the check; see `export_config`."""
+    artefact = writer_of(target)(subject)
+    manifest = manifest_of(subject, target, source, artefact)
     files = _write(folder, artefact, subject, manifest)
     results = run_check(folder, artefact.check, thorough=thorough)
     # The page states what the checks found.

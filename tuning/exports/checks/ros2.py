@@ -10,7 +10,8 @@ MANIFEST = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))
 PARAMS, CONTROLLER, DECLARED = (HERE / name for name in MANIFEST["files"])
 EXPECTED = MANIFEST["ros2"]["parameters"]
 NAME = MANIFEST["name"]
-TYPES = {"double": float, "int": int, "bool": bool, "string": str, "double_array": list}
+JOINTS = MANIFEST["ros2"]["joints"]
+TYPES = {"double": float, "int": int, "bool": bool, "string": str, "double_array": list, "string_array": list}
 FLOAT = re.compile(r"-?\d+\.\d+(e[-+]\d\d+)?")
 
 
@@ -49,14 +50,19 @@ def parameters() -> Result:
 def controller() -> Result:
     """Read the controller's parameters."""
     found = dict(load(CONTROLLER)[NAME]["ros__parameters"])
-    found.pop("joint")
+    joints = {name: found.pop(name, None) for name in JOINTS}
+    if joints != JOINTS:
+        return Result("controller", "failed", f"names the joints {joints}, not {JOINTS}")
     return same(found, "controller")
 
 
 def declarations() -> Result:
     """See that every declaration has the type, the default and bounds that hold it."""
     tables = load(DECLARED)[f"{NAME}_parameters"]
-    problems = []
+    problems = [f"{name} is not declared" for name in JOINTS if name not in tables]
+    problems += [
+        f"type is taken for the plugin's: {path.name}" for path in (PARAMS, CONTROLLER) if _has_type(path)
+    ]
     for path, value in flat(EXPECTED).items():
         declared = tables
         for key in path:
@@ -64,11 +70,17 @@ def declarations() -> Result:
         place = ".".join(path)
         if type(declared["default_value"]) is not TYPES[declared["type"]] or declared["default_value"] != value:
             problems.append(f"{place}: type or default")
+        if re.search(r'["\\\n]', declared["description"]):
+            problems.append(f"{place}: its description cannot stand between quotes in generated code")
         for rule, arguments in declared.get("validation", {}).items():
             if not holds(rule, arguments[0], value):
                 problems.append(f"{place}: {rule} {arguments[0]} refuses {value}")
     told = "every parameter declared with its type, its default and bounds that hold it"
     return Result("declarations", "failed" if problems else "passed", "; ".join(problems) or told)
+
+
+def _has_type(path) -> bool:
+    return any(path[-1] == "type" for path in flat(load(path)[NAME]["ros__parameters"]))
 
 
 def holds(rule: str, bound: Any, value: Any) -> bool:

@@ -25,9 +25,15 @@ generate_parameter_library({name}_parameters {name}_parameters.yaml)
 ```
 
 `{name}_controller.yaml` configures a ros2_control controller: replace `YOUR_PACKAGE/YourController` by your
-class, and the joint. `{name}_parameters.yaml` declares every parameter for generate_parameter_library: type,
-default, bounds, description; what shapes the program is read-only. Numbers always have a decimal point, so that
+class{joints}. `{name}_parameters.yaml` declares every parameter for generate_parameter_library: type,
+default, bounds, description; what shapes the program is read-only. What a study calls `type` is `variant` here:
+ros2_control takes a parameter called `type` for the plugin's. Numbers always have a decimal point, so that
 every YAML reader takes them for numbers. The node itself is yours: the step is what `--to c99` writes."""
+
+
+_VARIANT = "variant"
+"""What `type` is called: ros2_control's spawner and manager read a controller's `type` as that of its plugin."""
+_WHICH = "which one of several this is: type in a study"
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,9 @@ def write_ros2(subject: Subject) -> Artefact:
         about = f"Time between two samples [s]; what the {subject.deployable.noun} was made for."
         declared = {"type": "double", "default_value": step, "description": about, "read_only": True}
         declarations = {"sample_time": {**declared, "validation": {"gt<>": [0.0]}}, **declarations}
-    controller: dict[str, Any] = {"joint": "YOUR_JOINT", **parameters}
+    place, joints, declared = _joints(subject)
+    declarations = {place: declared, **declarations}
+    controller: dict[str, Any] = {place: joints, **parameters}
     manager: dict[str, Any] = {name: {"type": "YOUR_PACKAGE/YourController"}}
     if step is not None:
         manager = {"update_rate": round(1.0 / step), **manager}
@@ -71,7 +79,34 @@ def write_ros2(subject: Subject) -> Artefact:
         ),
         f"{name}_parameters.yaml": _yaml(subject, {f"{name}_parameters": declarations}),
     }
-    return Artefact(files, "ros2", _USAGE.format(name=name), {"ros2": {"parameters": parameters}})
+    named = "" if joints == list(subject.deployable.joints) else ", and the joint" + "s" * (place == "joints")
+    figures = {"ros2": {"parameters": parameters, "joints": {place: joints}}}
+    return Artefact(files, "ros2", _USAGE.format(name=name, joints=named), figures)
+
+
+def _joints(subject: Subject) -> tuple[str, str | list[str], dict[str, Any]]:
+    """Return the parameter that names the joints, its value for the controller, and its declaration."""
+    known, count = list(subject.deployable.joints), subject.deployable.joint_count
+    if count == 1 and not known:
+        declared = {"type": "string", "default_value": "", "description": "Name of the joint.", "read_only": True}
+        return "joint", "YOUR_JOINT", declared
+    names = known or [f"YOUR_JOINT_{i + 1}" for i in range(count)]
+    # A default is written into source code between quotes.
+    default = known if all(map(_is_plain, known)) else []
+    about = "Names of the joints, from the base to the hand, in the order of every list."
+    return (
+        *("joints", names),
+        {"type": "string_array", "default_value": default, "description": about, "read_only": True},
+    )
+
+
+def _is_plain(text: str) -> bool:
+    return text == _quotable(text)
+
+
+def _quotable(text: str) -> str:
+    """Return a text as generated C++ and Python may hold it between double quotes."""
+    return " ".join(text.replace('"', "'").replace("\\", "/").split())
 
 
 def _numbers(subject: Subject) -> Iterator[Entry]:
@@ -81,7 +116,7 @@ def _numbers(subject: Subject) -> Iterator[Entry]:
         here = tuple(str(key) for key in path)
         number = [float(one) for one in value.flat] if value.ndim else float(value)
         about = f"{leaf.meaning} [{leaf.unit}]" if leaf.unit else leaf.meaning
-        declared = {"type": _type(number), "default_value": number, "description": about or here[-1]}
+        declared = {"type": _type(number), "default_value": number, "description": _quotable(about or here[-1])}
         limits = subject.deployable.range(path)
         validation = {} if value.ndim else _bounds(limits, float)
         yield Entry(here, number, declared | ({"validation": validation} if validation else {}))
@@ -97,16 +132,20 @@ def _entries(subject: Subject, part: Part, path: tuple[str, ...]) -> Iterator[En
         if isinstance(value, Part):
             yield from _entries(subject, value, here)
         elif value is not None:
-            meaning, unit = explained.get(name, ("", ""))
+            meaning, unit = explained.get(name, (_WHICH if name == "type" else "", ""))
             about = f"{meaning} [{unit}]" if unit else meaning
-            yield Entry(here, value, _declaration(subject, part, here, value, field.annotation, about))
+            declaration = _declaration(subject, part, here, value, field.annotation, about)
+            yield Entry((*path, _VARIANT) if name == "type" else here, value, declaration)
 
 
 def _declaration(
     subject: Subject, part: Part, path: tuple[str, ...], value: Any, annotation: Any, about: str
 ) -> dict[str, Any]:
     is_tunable = isinstance(value, float) and path[-1] not in part.static
-    declared: dict[str, Any] = {"type": _type(value), "default_value": value, "description": about or path[-1]}
+    declared: dict[str, Any] = {
+        **{"type": _type(value), "default_value": value},
+        "description": _quotable(about or path[-1]),
+    }
     if not is_tunable:
         declared["read_only"] = True
     validation: dict[str, Any] = {}
