@@ -127,7 +127,9 @@ def write_accuracy(columns: dict[str, np.ndarray], folder: Path) -> list[Path]:
 
 def draw_accuracy(columns: dict[str, np.ndarray]) -> Figure:
     """Draw the errors of the hand against the MSREP of the joints."""
-    rows = [row for row in summarise(columns) if row["msrep"] != _FROM_RUN and row["msrep"] > 0.0]
+    medians = [f"{name}_median" for name in ("stiffness_error", "stiffness_change")]
+    told = [row for row in summarise(columns) if all(row[name] is not None for name in medians)]
+    rows = [row for row in told if row["msrep"] != _FROM_RUN and row["msrep"] > 0.0]
     figure, axis = new_figure(6.4, 3.8)
     levels = [row["msrep"] for row in rows]
     for name, label, colour in (
@@ -137,11 +139,15 @@ def draw_accuracy(columns: dict[str, np.ndarray]) -> Figure:
         median, upper = ([100.0 * row[f"{name}_{which}"] for row in rows] for which in ("median", "q95"))
         axis.plot(levels, median, "o-", color=colour, label=f"{label}, median")
         axis.plot(levels, upper, "o--", color=colour, label="95 % of draws")
-    for row in summarise(columns):
+    for row in told:
         if row["msrep"] == _FROM_RUN:
             axis.axhline(100.0 * row["stiffness_change_median"], color=TRUTH, linewidth=0.9, linestyle=":")
-            axis.text(levels[0], 100.0 * row["stiffness_change_median"], "run, median", va="bottom", fontsize=8)
-    axis.set(xscale="log", yscale="log", xlabel="MSREP of the joints' stiffness [%]")
+            place = {"transform": axis.get_yaxis_transform(), "va": "bottom", "fontsize": 8}
+            axis.text(0.02, 100.0 * row["stiffness_change_median"], "run, median", **place)
+    if told:
+        # Of nothing, and of errors that are all zero, there is no logarithm.
+        axis.set(xscale="log", yscale="log")
+    axis.set_xlabel("MSREP of the joints' stiffness [%]")
     axis.set_ylabel("relative error of the hand's stiffness [%]")
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8)
     return figure

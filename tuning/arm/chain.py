@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,8 @@ class Chain:
         axes: unit vectors of the joints, in their own frame, `(joints, 3)`.
         tool_offset: of the hand, in the last frame, `(3,)` [m].
         tool_rotation: of the hand, from the last frame, `(3, 3)`.
-        ranges: of the joints, low and high, `(joints, 2)` [rad].
+        ranges: of the joints, low and high, `(joints, 2)` [rad]; half a turn to either side of one without end.
+        endless: for each joint, whether it turns for ever.
     """
 
     names: tuple[str, ...]
@@ -41,6 +42,7 @@ class Chain:
     tool_offset: np.ndarray
     tool_rotation: np.ndarray
     ranges: np.ndarray
+    endless: tuple[bool, ...]
 
     @property
     def joints(self) -> int:
@@ -61,10 +63,7 @@ class Chain:
     def with_tool(self, offset: np.ndarray, rotation: Matrix) -> Chain:
         """Return the chain with its hand moved on: a step [m], then a turn, in the frame of the hand so far."""
         place = self.tool_offset + self.tool_rotation @ offset
-        return Chain(
-            *(self.names, self.offsets, self.rotations, self.axes, place),
-            *(self.tool_rotation @ rotation, self.ranges),
-        )
+        return replace(self, tool_offset=place, tool_rotation=self.tool_rotation @ rotation)
 
 
 def chain_of(table: Arm, place: str, folder: Path) -> Chain:
@@ -104,13 +103,18 @@ def _turned(turns: Sequence[Turn]) -> Matrix:
     return total
 
 
+def _with_ends(joints: Sequence[object]) -> tuple[bool, ...]:
+    return (False,) * len(joints)
+
+
 def _from_joints(joints: Sequence[Joint]) -> Chain:
     axes = np.array([joint.axis for joint in joints])
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     offsets = np.array([joint.offset for joint in joints])
     rotations = np.stack([_turned(joint.turns) for joint in joints])
     ranges = np.deg2rad([joint.range_deg for joint in joints])
-    return Chain(numbered(len(joints)), offsets, rotations, axes, np.zeros(3), np.eye(3), ranges)
+    tool = np.zeros(3), np.eye(3)
+    return Chain(numbered(len(joints)), offsets, rotations, axes, *tool, ranges, _with_ends(joints))
 
 
 def _from_dh(joints: Sequence[DhJoint], convention: str) -> Chain:
@@ -128,4 +132,4 @@ def _from_dh(joints: Sequence[DhJoint], convention: str) -> Chain:
     offsets, rotations = (np.stack(part) for part in zip(*steps, strict=True))
     axes = np.tile([0.0, 0.0, 1.0], (len(joints), 1))
     ranges = np.deg2rad([joint.range_deg for joint in joints])
-    return Chain(numbered(len(joints)), offsets, rotations, axes, place, turned, ranges)
+    return Chain(numbered(len(joints)), offsets, rotations, axes, place, turned, ranges, _with_ends(joints))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tuning.errors import printable
+
 
 def numbered(count: int) -> tuple[str, ...]:
     """Return the names of joints that have none of their own."""
@@ -11,8 +13,8 @@ def numbered(count: int) -> tuple[str, ...]:
 
 
 def shown(name: str) -> str:
-    """Return a name as it can be printed: what a terminal would take for more than text is escaped."""
-    return name if name.isprintable() and name else repr(name)
+    """Return a name as it can be printed; of none, an empty pair of quotes."""
+    return printable(name) or "''"
 
 
 def listed(names: Sequence[str], most: int = 24) -> str:

@@ -99,22 +99,31 @@ def improve_poses(
         "best_search_error": np.min(after, axis=0),
         "starts_in_place": np.sum(random, axis=0),
     }
-    columns |= {f"joint_{i + 1}_position": chosen[:, i] for i in range(chosen.shape[1])}
+    columns |= {f"{name}_position": chosen[:, i] for i, name in enumerate(problem.names)}
     names = {
         "own pose": "own_error",
         "searched from the own pose": "own_search_error",
         f"best of {starts} poses, not searched": "best_start_error",
         f"searched from {starts} poses": "best_search_error",
     }
+    reached = np.isfinite(columns["best_search_error"])
     summary = {
+        "ok": bool(reached.any()),
+        "joints": list(problem.names),
         "targets": targets,
+        "unreached": int((~reached).sum()),
         "starts": starts,
         "in_place": int(np.sum(random)),
-        "median_error": {label: float(np.median(columns[name])) for label, name in names.items()},
+        "median_error": {label: _median(columns[name]) for label, name in names.items()},
         "largest_shift": float(np.max(shifts)),
         "seconds": time.perf_counter() - began,
     }
     return columns, summary
+
+
+def _median(values: np.ndarray) -> float | None:
+    kept = values[np.isfinite(values)]
+    return float(np.median(kept)) if kept.size else None
 
 
 def write_poses(columns: dict[str, np.ndarray], folder: Path) -> list[Path]:
@@ -132,8 +141,8 @@ def draw_poses(columns: dict[str, np.ndarray]) -> Figure:
         ("own_search_error", "searched from it", ESTIMATE),
         ("best_search_error", "searched from several", OTHER),
     ):
-        values = np.sort(100.0 * columns[name])
-        axis.plot(values, (np.arange(values.size) + 0.5) / values.size, color=colour, label=label)
+        values = np.sort(100.0 * columns[name][np.isfinite(columns[name])])
+        axis.plot(values, (np.arange(values.size) + 0.5) / columns[name].size, color=colour, label=label)
     axis.set(xlabel="passive compliance error [%]", ylabel="share of targets", ylim=(0.0, 1.0))
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
     return figure

@@ -148,6 +148,20 @@ def outcomes(problem: ArmProblem, positions: Float[Array, "poses joints"]) -> Ou
     return rollout.map_lanes(lambda q, shared: eqx.combine(shared, rest).outcome(q), positions, arrays)
 
 
+def usable(outcome: Outcome) -> np.ndarray:
+    """Return which of many outcomes have a design that can be used: finite, for a task that can be met."""
+    met = np.isin(outcome.status, (Status.SOLVED, Status.SINGULAR))
+    numbers = np.column_stack([outcome.joint_stiffness, outcome.compliance_error, outcome.stiffness_error])
+    return met & np.isfinite(numbers).all(1)
+
+
+def told_statuses(status: np.ndarray) -> str:
+    """Return what became of many poses, the commonest first, in words."""
+    kinds, counts = np.unique(np.asarray(status, int), return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    return "; ".join(f"{counts[i]} of {np.size(status)}: {Status(int(kinds[i])).text}" for i in order)
+
+
 def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
     """Return the problem of a study; `path` is its file.
 

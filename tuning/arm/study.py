@@ -312,9 +312,9 @@ def _check_drawn(study: ArmStudy, chain: Chain, place: str) -> list[Mistake]:
 def outside_of(study: ArmStudy, chain: Chain) -> list[str]:
     """Return a sentence for each joint that the study's pose puts outside of its range."""
     said = []
-    for joint, angle, whole in zip(chain.titles, study.arm.pose_deg, chain.ranges, strict=False):
-        least, most = (math.degrees(end) for end in whole)
-        if not least - _ROUNDING <= angle <= most + _ROUNDING:
+    for i, angle in enumerate(study.arm.pose_deg):
+        joint, (least, most) = chain.titles[i], map(math.degrees, chain.ranges[i])
+        if not chain.endless[i] and not least - _ROUNDING <= angle <= most + _ROUNDING:
             said.append(
                 f"arm.pose_deg puts {joint} at {angle:g}, outside of its range of {least:g} to {most:g} deg"
             )

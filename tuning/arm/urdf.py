@@ -25,6 +25,8 @@ _LENGTHS = (1e-6, 1e6)
 _FARTHEST_STEP = 1e6
 """Number of an origin [m, rad]."""
 _MOST_TOLD = 10
+_HALF_TURNS = (-math.pi, math.pi)
+"""Range of a joint that turns for ever."""
 _LEAVE_OUT = "choose base and tip so that the chain leaves it out"
 
 
@@ -59,9 +61,15 @@ def read_chain(path: Path, base: str | None, tip: str | None, place: str) -> Cha
         ranges.append(_range(joint, mistakes))
         offset, turned = np.zeros(3), np.eye(3)
     mistakes.raise_any()
-    names = tuple(joint.name for joint in moving)
     return Chain(
-        names, np.stack(offsets), np.stack(rotations), np.stack(axes), offset, turned, np.array(ranges, float)
+        names=tuple(joint.name for joint in moving),
+        offsets=np.stack(offsets),
+        rotations=np.stack(rotations),
+        axes=np.stack(axes),
+        tool_offset=offset,
+        tool_rotation=turned,
+        ranges=np.array([own or _HALF_TURNS for own in ranges]),
+        endless=tuple(own is None for own in ranges),
     )
 
 
@@ -244,16 +252,15 @@ def _axis(joint: JointText, mistakes: _Mistakes) -> np.ndarray:
     return np.array(axis) / np.linalg.norm(np.array(axis))
 
 
-def _range(joint: JointText, mistakes: _Mistakes) -> list[float]:
-    """Return where a joint may be [rad]: half a turn to either side where it turns for ever."""
-    whole = [-math.pi, math.pi]
+def _range(joint: JointText, mistakes: _Mistakes) -> list[float] | None:
+    """Return where a joint may be [rad]; `None` where it turns for ever."""
     if joint.type == "continuous":
-        return whole
+        return None
     endless = 'or make it type="continuous" if it turns for ever'
     if "limit" not in joint.elements:
         problem = "is revolute and has no <limit>: by the format it could not move"
         mistakes.of(joint, "limit", problem, f'add <limit lower="..." upper="..."/> [rad], {endless}')
-        return whole
+        return None
     given = joint.elements["limit"].attributes
     for key in {"lower", "upper"} - given.keys():
         near = difflib.get_close_matches(
@@ -272,7 +279,7 @@ def _range(joint: JointText, mistakes: _Mistakes) -> list[float]:
         problem = f"<limit> leaves no range: lower {low:g} and upper {high:g}; left out, they are 0"
         mistakes.of(joint, "limit", problem, f"give lower below upper [rad], {endless}")
     elif low < -FARTHEST and high > FARTHEST:
-        return whole  # how some files write that there is no limit
+        return None  # how some files write that there is no limit
     elif max(abs(low), abs(high)) > FARTHEST:
         problem = f"<limit> goes from {low:g} to {high:g} rad; allowed: within ±{FARTHEST:g}"
         mistakes.of(joint, "limit", problem, f"give what it really has, {endless}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from tuning.arm.problem import ArmProblem, outcomes
+from tuning.arm.problem import ArmProblem, Outcome, outcomes, told_statuses, usable
 from tuning.arm.study import ArmStudy
 from tuning.figures import ESTIMATE, OTHER, new_figure, save
 from tuning.logs.files import write_table
@@ -20,26 +21,28 @@ Columns = dict[str, np.ndarray]
 
 
 def map_workspace(study: ArmStudy, problem: ArmProblem) -> tuple[Columns, dict[str, Any]]:
-    """Return the outcome of every pose drawn, as columns, and a summary."""
+    """Return the outcome of every pose drawn, as columns, and a summary: `ok` if any pose has a usable design."""
     positions = problem.draw(np.random.default_rng(study.seed), study.workspace.poses)
     start = time.perf_counter()
     found = outcomes(problem, jnp.asarray(positions))
     values = {name: np.asarray(value) for name, value in found._asdict().items()}
     elapsed = time.perf_counter() - start
-    columns: Columns = {f"joint_{i + 1}_position": positions[:, i] for i in range(positions.shape[1])}
+    columns: Columns = {f"{name}_position": positions[:, i] for i, name in enumerate(problem.names)}
     columns |= {f"hand_{axis}": values["hand"][:, i] for i, axis in enumerate("xyz")}
     stiffness = values["joint_stiffness"]
-    columns |= {f"joint_{i + 1}_stiffness": stiffness[:, i] for i in range(stiffness.shape[1])}
+    columns |= {f"{name}_stiffness": stiffness[:, i] for i, name in enumerate(problem.names)}
     columns |= {name: value for name, value in values.items() if value.ndim == 1}
-    return columns, _summary(columns, elapsed)
+    verdict = {"ok": bool(usable(found).any()), "meaning": told_statuses(columns["status"])}
+    return columns, verdict | _summary(columns, problem.names, elapsed)
 
 
-def _summary(columns: Columns, elapsed: float) -> dict[str, Any]:
+def _summary(columns: Columns, joints: Sequence[str], elapsed: float) -> dict[str, Any]:
     status = columns["status"]
     counted = {kind.name.lower(): int((status == kind).sum()) for kind in Status}
-    errors = [name for name in columns if name.endswith("_error")]
+    errors = [name for name in Outcome._fields if name.endswith("_error")]
     quantiles = {name: _quantiles(columns[name]) for name in errors}
     return {
+        "joints": list(joints),
         "poses": int(status.size),
         "statuses": counted,
         "exact_share": float(columns["is_exact"].mean()),
@@ -114,7 +117,8 @@ def _draw_distribution(axis: Any, columns: Columns) -> None:
             axis.plot(np.maximum(values, _SMALLEST), shares, style, color=colour, label=label)
     axis.set_xscale("log")
     axis.set(xlabel=f"relative error, at least {_SMALLEST:g} [%]", ylabel="share of poses", ylim=(0.0, 1.0))
-    axis.legend(loc="lower left", bbox_to_anchor=(-0.1, 1.0), ncols=2, fontsize=7)
+    if axis.lines:
+        axis.legend(loc="lower left", bbox_to_anchor=(-0.1, 1.0), ncols=2, fontsize=7)
 
 
 _SMALLEST = 1e-3

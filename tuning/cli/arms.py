@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,11 @@ def _open(
     return study, build_problem(study, path)
 
 
+def _end(*, ok: bool) -> None:
+    if not ok:
+        raise click.exceptions.Exit(1)
+
+
 def _percent(value: float | None) -> str:
     return "–" if value is None or value != value else f"{100.0 * value:.4g} %"
 
@@ -49,13 +54,15 @@ def _percent(value: float | None) -> str:
 def stiffness(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """Design joints and controller for the pose of STUDY; exit 1 where the pose allows no design that meets it."""
     loaded, problem = _open(study, settings, None)
+    from tuning.arm.chain import chain_of
     from tuning.arm.single import design_pose
+    from tuning.arm.study import outside_of
 
-    result = design_pose(loaded, problem)
+    chain = chain_of(loaded.arm, str(study), study.parent)
+    result = design_pose(loaded, problem, outside_of(loaded, chain))
     following = words("workspace", study, "-o", run_folder("workspace"), settings=settings)
     emit(result.as_tables(), as_json=as_json, quiet=quiet, text=result.as_text, following=following)
-    if not result.ok:
-        raise click.exceptions.Exit(1)
+    _end(ok=result.ok)
 
 
 @click.command(epilog="Example: vsajax workspace arm.toml -o runs/workspace")
@@ -81,19 +88,22 @@ def workspace(
         rows = [
             [name.replace("_", " "), *(_percent(value) for value in quantiles.values())]
             for name, quantiles in summary["quantiles"].items()
+            if any(value is not None for value in quantiles.values())
         ]
         counted = ", ".join(f"{count} {name}" for name, count in summary["statuses"].items() if count)
         return "\n".join(
             [
-                table(["relative error", "10 %", "median", "90 %"], rows),
+                *([table(["relative error", "10 %", "median", "90 %"], rows)] if rows else []),
                 f"{summary['poses']} poses in {summary['seconds']:.1f} s: {counted}",
                 f"the desired stiffness is met exactly in {100.0 * summary['exact_share']:.1f} % of them",
+                *([] if summary["ok"] else [f"no pose has a design that can be used: {summary['meaning']}"]),
                 *(f"wrote {file}" for file in files),
             ]
         )
 
     following = words("poses", study, "-o", run_folder("poses", folder), settings=settings)
     emit({"run": folder, "files": files} | summary, as_json=as_json, quiet=quiet, text=text, following=following)
+    _end(ok=summary["ok"])
 
 
 @click.command(epilog="Example: vsajax poses arm.toml -o runs/poses")
@@ -118,18 +128,27 @@ def poses(
     files = write_poses(columns, folder)
 
     def text() -> str:
-        rows = [[name, _percent(value)] for name, value in summary["median_error"].items()]
+        rows = [[name, _percent(value)] for name, value in summary["median_error"].items() if value is not None]
         return "\n".join(
             [
-                table(["median over targets of the passive compliance error", ""], rows),
+                *([table(["median over targets of the passive compliance error", ""], rows)] if rows else []),
                 f"{summary['targets']} targets, {summary['starts']} starts, {summary['seconds']:.1f} s; "
                 f"hand held to {summary['largest_shift']:.1e} m",
+                *([_unreached(summary)] if summary["unreached"] else []),
                 *(f"wrote {file}" for file in files),
             ]
         )
 
     following = words("montecarlo", study, "-o", run_folder("montecarlo", folder), settings=settings)
     emit({"run": folder, "files": files} | summary, as_json=as_json, quiet=quiet, text=text, following=following)
+    _end(ok=summary["ok"])
+
+
+def _unreached(summary: Mapping[str, Any]) -> str:
+    lost = "no target" if not summary["ok"] else f"{summary['unreached']} of {summary['targets']} targets"
+    if summary["ok"]:
+        return f"{lost} have no start whose error has a value: they are left out"
+    return f"{lost} has a pose whose passive error has a value: `vsajax stiffness` says why for one of them"
 
 
 def run_arm_accuracy(
@@ -148,6 +167,7 @@ def run_arm_accuracy(
 
     columns = run_accuracy(loaded, problem, study, draws if chosen else None)
     files, rows = write_accuracy(columns, folder), summarise(columns)
+    ok = any(row["stiffness_error_median"] is not None for row in rows)
 
     def text() -> str:
         shown: list[list[Any]] = [
@@ -160,12 +180,14 @@ def run_arm_accuracy(
             for row in rows
         ]
         headers = ["joints' MSREP [%]", "hand against desired", "95 %", "hand against designed", "95 %", "failed"]
-        return "\n".join([table(headers, shown), *(f"wrote {file}" for file in files)])
+        lost = "no arm has a hand whose stiffness has a value: `vsajax stiffness` says why for one pose"
+        return "\n".join([table(headers, shown), *([] if ok else [lost]), *(f"wrote {file}" for file in files)])
 
     emit(
-        {"run": folder, "files": files, "levels": rows},
+        {"ok": ok, "run": folder, "files": files, "joints": list(problem.names), "levels": rows},
         as_json=as_json,
         quiet=quiet,
         text=text,
         following=lambda: deploy(study, settings),
     )
+    _end(ok=ok)

@@ -116,14 +116,28 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
     kind, config = _load(study, settings)
     require(*_needs_of(config, str(study)))
     what, tables, digest = kind.label, resolved(config), study_hash(config)
+    notes = _notes_on(config, study)
     emit(
-        {"ok": True, "what": what, "hash": digest, "study": tables},
+        {"ok": True, "what": what, "hash": digest, "notes": notes, "study": tables},
         as_json=as_json,
         quiet=quiet,
-        text=lambda: f"{to_toml(tables)}\n# {study}: valid {what}, hash {digest}",
+        text=lambda: "\n".join(
+            [to_toml(tables), *(f"# note: {note}" for note in notes), f"# {study}: valid {what}, hash {digest}"]
+        ),
         following=lambda: after_check(kind.name, _kind_of_joint(config), study, settings),
         comment=True,
     )
+
+
+def _notes_on(config: Table, path: Path) -> list[str]:
+    """Return what is worth knowing of a valid file."""
+    from tuning.arm.study import ArmStudy, outside_of
+
+    if not isinstance(config, ArmStudy):
+        return []
+    from tuning.arm.chain import chain_of
+
+    return outside_of(config, chain_of(config.arm, str(path), path.parent))
 
 
 def _needs_of(config: Table, place: str) -> list[Need]:

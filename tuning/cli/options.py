@@ -177,13 +177,14 @@ def _without_escapes(line: str) -> str:
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return rows as an aligned text table."""
+    """Return rows as an aligned text table; what a cell holds is text, also "[deg]" or the name of a joint."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
+    from rich.text import Text
 
-    shown = Table(*headers, box=None, pad_edge=False, header_style="bold")
+    shown = Table(*(Column(Text(header)) for header in headers), box=None, pad_edge=False, header_style="bold")
     for row in rows:
-        shown.add_row(*(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row))
+        shown.add_row(*(Text(f"{cell:.6g}" if isinstance(cell, float) else str(cell)) for cell in row))
     console = Console(width=240)
     with console.capture() as capture:
         console.print(shown)

@@ -170,7 +170,11 @@ FAULTS = {
     "an expression": ('xyz="0 0 0.3"', 'xyz="0 0 ${height}"', ['xyz="0 0 ${height}"', "expand it first"]),
     "an argument": ('<link name="fore"/>', '<link name="$(arg prefix)fore"/>', ["expand it first"]),
     "a control character": ('name="elbow" type', 'name="el\x01bow" type', ["no well-formed XML"]),
-    "a name for terminals": ('name="elbow" type="continuous"', 'name="&#155;31m" type="x"', [r"'\x9b31m'"]),
+    "a name for terminals": (
+        'name="elbow" type="continuous"',
+        'name="&#155;31m" type="x"',
+        ["joint \\x9b31m: is x"],
+    ),
     "an entity": ('xyz="0 0 0.3"', 'xyz="&zero; 0 0"', ["no well-formed XML", "undefined entity"]),
     "an attribute twice": (LIMIT, 'lower="-1" lower="-2"', ["duplicate attribute"]),
     "a tag that is not closed": (

@@ -46,10 +46,18 @@ def test_a_pose_is_designed_or_what_is_wrong_with_it_is_said(vsajax, study):
     stiff = answer(vsajax("stiffness", study, "--json", *settings("task.stiffness=[100.0,100.0,9000.0]")), 1)
     assert (stiff["ok"], stiff["status"]) == (False, "unreachable")
     assert "above the largest active stiffness" in stiff["meaning"]
-    stretched = answer(vsajax("stiffness", study, "--json", *settings("arm.pose_deg=[0.0,0.0,0.0,0.0]")))
+    at_zero = settings("arm.pose_deg=[0.0,0.0,0.0,0.0]")
+    assert "passive stiffness error: none, the pose is singular" in vsajax("stiffness", study, *at_zero).out
+    stretched = answer(vsajax("stiffness", study, "--json", *at_zero))
     assert (stretched["status"], "passive_stiffness" in stretched) == ("singular", False)
     assert np.isfinite(stretched["serial_stiffness"]).all()
     assert stretched["errors"]["passive_stiffness_error"] is None
+
+    # Whatever the numbers, no answer holds a nan, and what has no design says why.
+    for given in ("task.stiffness=[1e-300,1e-300,1e-300]", "joints={lower=1e-200, upper=1e-200}"):
+        ended = vsajax("stiffness", study, *settings(given))
+        assert (ended.code, "nan" in ended.out, "inf" in ended.out) == (1, False, False), ended.out
+        assert "no design: " in ended.out
 
 
 @pytest.mark.cli
@@ -99,6 +107,136 @@ def test_what_only_the_kinematics_know_is_refused_too(vsajax, study):
     assert "is no finished run" in ended.err
 
 
+@pytest.fixture(scope="module")
+def elbowed() -> str:
+    """A small arm: a turning base, a shoulder and an elbow, the last without end."""
+    joints = [
+        ("base", "waist", "upper", "revolute", "0 0 0.3", "0 0 1"),
+        ("upper", "[deg] shoulder", "fore", "revolute", "0 0 0.1", "0 1 0"),
+        ("fore", "elbow", "wrist", "continuous", "0.4 0 0", "0 1 0"),
+        ("wrist", "flange", "hand", "fixed", "0.3 0 0", "0 0 0"),
+    ]
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "upper", "fore", "wrist", "hand"))
+    told = "\n".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{place}"/><axis xyz="{axis}"/><limit lower="-1.5" upper="1.5"/></joint>'
+        for parent, name, child, kind, place, axis in joints
+    )
+    return f'<robot name="elbowed">{links}\n{told}</robot>'
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch, elbowed) -> Path:
+    """A study of that arm, so small that every command ends in seconds."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elbowed.urdf").write_text(elbowed)
+    path = tmp_path / "own.toml"
+    path.write_text(
+        'schema_version = 1\nkind = "arm"\n'
+        'arm = {urdf = "elbowed.urdf", tip = "hand", pose_deg = [10.0, 200.0, 200.0]}\n'
+        "joints = {lower = 50.0, upper = 500.0}\ntask = {stiffness = [200.0, 300.0, 400.0]}\n"
+        "workspace = {poses = 8, cells = 4}\nposes = {targets = 2, starts = 2, steps = 2}\n"
+        "accuracy = {msrep = [0.01, 1.0], draws = 8}\n"
+    )
+    return path
+
+
+NAMES = ["waist", "[deg] shoulder", "elbow"]
+
+
+def columns_of(path: Path) -> list[str]:
+    return pq.read_schema(path).names
+
+
+@pytest.mark.cli
+def test_a_small_arm_of_a_urdf_goes_through_every_command_under_its_joints_names(vsajax, own, tmp_path):
+    note = "arm.pose_deg puts joint 2 ([deg] shoulder) at 200, outside of its range of -85.9437 to 85.9437 deg"
+    assert f"# note: {note}\n" in vsajax("check", own).out
+    assert answer(vsajax("check", own, "--json"))["notes"] == [note]
+    said = vsajax("stiffness", own)
+    assert said.code == 0
+    lines = said.out.splitlines()
+    assert lines[0].split("  ")[0] == "joint"
+    assert "pose [deg]" in lines[0]
+    assert [line[:14].rstrip() for line in lines[1:4]] == NAMES
+    assert lines[4] == f"note: {note}"
+    found = answer(vsajax("stiffness", own, "--json"))
+    assert (found["joints"], found["outside"]) == (NAMES, [note])
+
+    mapped = answer(vsajax("workspace", own, "-o", "space", "--json"))
+    assert (mapped["ok"], mapped["joints"], mapped["poses"]) == (True, NAMES, 8)
+    stored = columns_of(tmp_path / "space" / "workspace.parquet")
+    assert stored[:3] == [f"{name}_position" for name in NAMES]
+    assert [name for name in stored if name.endswith("_stiffness")] == [f"{name}_stiffness" for name in NAMES]
+    unmet = vsajax("workspace", own, "-o", "none", *settings("task.stiffness=[200.0, 300.0, 90000.0]"))
+    assert unmet.code == 1
+    assert "no pose has a design that can be used: 8 of 8: the desired stiffness is above the largest" in unmet.out
+    empty = vsajax("workspace", own, "-o", "none", *settings("task.stiffness=[1e-300, 1e-300, 1e-300]"))
+    assert (empty.code, "–" in empty.out, "nan" in empty.out) == (1, False, False)
+    assert "no pose has a design that can be used: 8 of 8: the solver stopped" in empty.out
+
+    better = answer(vsajax("poses", own, "-o", "better", "--json"))
+    medians = list(better["median_error"].values())
+    assert medians[0] >= medians[1] >= medians[3]
+    assert (better["ok"], better["unreached"], better["joints"]) == (True, 0, NAMES)
+    assert columns_of(tmp_path / "better" / "poses.parquet")[-3:] == [f"{name}_position" for name in NAMES]
+    lost = vsajax("poses", own, "-o", "lost", *settings("task.stiffness=[1e-300, 1e-300, 1e-300]"))
+    assert (lost.code, "nan" in lost.out, "inf" in lost.out) == (1, False, False)
+    assert "no target has a pose whose passive error has a value: `vsajax stiffness`" in lost.out
+
+    costs = answer(vsajax("montecarlo", own, "-o", "costs", "--json"))
+    assert (costs["ok"], costs["joints"], [row["failed"] for row in costs["levels"]]) == (True, NAMES, [0, 0])
+    assert costs["levels"][0]["stiffness_change_median"] < costs["levels"][1]["stiffness_change_median"]
+    lost = vsajax("montecarlo", own, "-o", "lost", *settings("task.stiffness=[1e-300, 1e-300, 1e-300]"))
+    assert (lost.code, "nan" in lost.out) == (1, False)
+    assert "no arm has a hand whose stiffness has a value" in lost.out
+    for picture in ("space/workspace.png", "better/poses.png", "costs/accuracy.png"):
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.cli
+@pytest.mark.failure
+@pytest.mark.parametrize("command", ["check", "stiffness", "workspace", "poses", "montecarlo", "export"])
+def test_every_command_opens_the_urdf_and_refuses_what_is_wrong_with_it(vsajax, own, tmp_path, elbowed, command):
+    output = {"check": [], "stiffness": [], "export": ["--to", "toml", "-o", "run"]}.get(command, ["-o", "run"])
+    before = sorted(tmp_path.rglob("*"))
+
+    def refused(*given: str) -> str:
+        ended = vsajax(command, own, *output, *settings(*given))
+        assert (ended.code, ended.out) == (2, "")
+        return ended.err
+
+    assert "own.toml: arm.tip: got 'hnd'" in (said := refused("arm.tip=hnd"))
+    assert "fix: did you mean hand? tips of " in said
+    assert "elbowed.urdf: hand, upper, fore, wrist" in said
+    assert "own.toml: joints.lower: got 2 numbers; the arm has 3 joints: waist, [deg] shoulder, elbow" in refused(
+        "joints.lower=[1.0,2.0]"
+    )
+    assert "joint 2 ([deg] shoulder) has lower 90 above upper 60" in refused(
+        "joints={lower=[1.0,90.0,1.0], upper=60.0}"
+    )
+    assert "arm.pose_deg: got 1 angles; the arm has 3 joints: waist" in refused("arm.pose_deg=[1.0]")
+    assert "arm.pose_deg: joint 1 (waist) has 1e+09; allowed: within" in refused("arm.pose_deg=[1e9,0.0,0.0]")
+    assert "arm.urdf: " in refused("arm.urdf=elbow.urdf")
+    (tmp_path / "elbowed.urdf").write_text(elbowed[: len(elbowed) // 2])
+    assert "elbowed.urdf: line 3, column " in (said := refused())
+    assert "the file was cut off: fetch it again" in said
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.cli
+@pytest.mark.failure
+def test_a_preset_of_an_arm_is_opened_too(vsajax, own, tmp_path):
+    preset = tmp_path / "preset.toml"
+    preset.write_text('urdf = "elbowed.urdf"\ntip = "finger"\n')
+    ended = vsajax("check", preset)
+    assert (ended.code, ended.out) == (2, "")
+    assert "arm.tip: got 'finger'" in ended.err
+    assert "tips of " in ended.err
+    preset.write_text('urdf = "elbowed.urdf"\ntip = "hand"\n')
+    assert vsajax("check", preset).code == 0
+
+
 @pytest.mark.slow
 @pytest.mark.cli
 @pytest.mark.parametrize("source", ["preset", "urdf"])
@@ -126,7 +264,8 @@ def test_an_arm_goes_through_the_whole_pipeline(source, vsajax, study, tmp_path)
     assert mapped["exact_share"] == pytest.approx(table["is_exact"].mean())
     assert (table["stiffness_error"][table["is_exact"]] < 1e-10).all()
     assert (table["compliance_error"][~table["is_exact"]] > 1e-14).all()
-    stiffness = np.stack([table[f"joint_{i + 1}_stiffness"] for i in range(joints)])
+    names = [f"panda_joint{i + 1}" if source == "urdf" else f"joint_{i + 1}" for i in range(joints)]
+    stiffness = np.stack([table[f"{name}_stiffness"] for name in names])
     assert stiffness.min() > 50.0 * (1 - 1e-9)
     assert stiffness.max() < 500.0 * (1 + 1e-9)
 
