@@ -109,20 +109,33 @@ def compare(
     return Result(name, state, told, {"deviation": found, "tolerance": TOLERANCE})
 
 
-def run_checks(checks: Iterable[Callable[[], Result | list[Result]]], needs: str = "") -> None:
-    """Run checks, print what they found, write it to a file after ``--json``, and exit with 1 where one failed.
+class Unreadable(Exception):
+    """What was exported cannot be read here; the text says why, and the way out."""
+
+
+PACKAGES = MappingProxyType({"yaml": "pyyaml", "tuning": "'vsajax[export]'", "vsajax": "'vsajax[export]'"})
+"""What installs a module that is called otherwise."""
+
+
+def run_checks(checks: Iterable[Callable[[], Result | list[Result]]]) -> None:
+    """Run checks, print what they found, write it to a file after ``--json``.
+
+    Exits with 1 where one failed, or where none passed: what could not be looked at does not hold.
 
     Args:
         checks: functions; a package that is missing skips the check.
-        needs: what to install then.
     """
     results: list[Result] = []
     for check in checks:
         try:
             found = check()
         except ImportError as error:
-            found = Result(check.__name__, "skipped", f"{error}" + (f"; pip install {needs}" if needs else ""))
+            found = Result(check.__name__, "skipped", _lacking(error))
+        except Unreadable as error:
+            found = Result(check.__name__, "failed", str(error))
         results += found if isinstance(found, list) else [found]
+    if not any(result.state == "passed" for result in results):
+        results = [result._replace(state="failed") for result in results]
     for result in results:
         print(f"{result.state:8} {result.name}: {result.what}")
     if "--json" in sys.argv:
@@ -132,3 +145,10 @@ def run_checks(checks: Iterable[Callable[[], Result | list[Result]]], needs: str
             encoding="utf-8",
         )
     sys.exit(1 if any(result.state == "failed" for result in results) else 0)
+
+
+def _lacking(error: ImportError) -> str:
+    name = (error.name or "").partition(".")[0]
+    if not isinstance(error, ModuleNotFoundError) or not name:
+        return str(error)
+    return f"{name} is not installed: pip install {PACKAGES.get(name, name)}"

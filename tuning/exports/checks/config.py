@@ -61,6 +61,4 @@ def replay() -> Result:
 
 
 if __name__ == "__main__":
-    run_checks(
-        [schema, read_back] if "--quick" in sys.argv else [schema, read_back, replay], needs="'vsajax[export]'"
-    )
+    run_checks([schema, read_back] if "--quick" in sys.argv else [schema, read_back, replay])

@@ -111,4 +111,4 @@ def parameters() -> Result:
 
 if __name__ == "__main__":
     everything = [validation, parameters, replay, simulation]
-    run_checks([validation, replay] if "--quick" in sys.argv else everything, needs="fmpy")
+    run_checks([validation, replay] if "--quick" in sys.argv else everything)

@@ -47,5 +47,31 @@ def recording() -> Result:
     return compare("recording", "read back", as_columns(answers), recorded)
 
 
+def types() -> Result:
+    """See that every number is a double: MATLAB and Octave round what they multiply by other whole numbers."""
+    from scipy import io
+
+    contents = io.loadmat(str(HERE / MANIFEST["files"][0]), struct_as_record=True, mat_dtype=True)
+    odd: list[str] = []
+
+    def walk(place: str, value: Any) -> None:
+        if value is None:  # a table without entries
+            return
+        if value.dtype.names:
+            for name in value.dtype.names:
+                for entry in value[name].flat:
+                    walk(f"{place}.{name}", entry)
+        elif value.dtype == object:
+            for entry in value.flat:
+                walk(place, entry)
+        elif value.dtype.kind in "iu":
+            odd.append(f"{place}: {value.dtype}")
+
+    for name, value in contents.items():
+        if not name.startswith("__"):
+            walk(name, value)
+    return Result("types", "failed" if odd else "passed", "; ".join(odd[:5]) or "every number a double")
+
+
 if __name__ == "__main__":
-    run_checks([parameters, recording], needs="scipy")
+    run_checks([parameters, recording, types])

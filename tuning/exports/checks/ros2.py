@@ -108,4 +108,4 @@ def numbers() -> Result:
 
 
 if __name__ == "__main__":
-    run_checks([parameters, controller, declarations, numbers], needs="pyyaml")
+    run_checks([parameters, controller, declarations, numbers])

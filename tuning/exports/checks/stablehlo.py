@@ -3,25 +3,40 @@
 The recording was made in plain IEEE arithmetic; where a processor can fuse products and sums, XLA is told not to.
 """
 
+import importlib
 import json
 import os
 import platform
 import sys
 from typing import Any
 
-from checking import HERE, Result, as_arrays, as_columns, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
+from checking import HERE, Result, Unreadable, as_arrays, as_columns, compare, read_golden, run_checks  # pyright: ignore[reportMissingImports]
+
+MANIFEST = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))
 
 if platform.machine().lower() in {"x86_64", "amd64"}:
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_max_isa=AVX"
 
 
 def load(name: str) -> Any:
-    """Return a function of the export."""
+    """Return a function of the export.
+
+    Raises:
+        Unreadable: jax is of another version than what can read it.
+    """
+    import flatbuffers  # noqa: F401  # jax reads with it, and does not install it
     import jax
-    from jax import export
 
     jax.config.update("jax_enable_x64", True)
-    return export.deserialize(bytearray((HERE / f"{name}.stablehlo").read_bytes())).call
+    written = bytearray((HERE / f"{name}.stablehlo").read_bytes())
+    try:
+        return importlib.import_module("jax.export").deserialize(written).call
+    except Exception as error:
+        wrote = MANIFEST["stablehlo"]["jax"]
+        raise Unreadable(
+            f"jax {jax.__version__} cannot read what jax {wrote} wrote ({error}): that version reads it, and "
+            f"later ones for six months; pip install jax=={wrote} flatbuffers"
+        ) from None
 
 
 def given() -> Any:
@@ -30,7 +45,7 @@ def given() -> Any:
 
     values = json.loads((HERE / "parameters.json").read_text(encoding="utf-8"))
     golden = read_golden()
-    inputs = json.loads((HERE / "manifest.json").read_text(encoding="utf-8"))["inputs"]
+    inputs = MANIFEST["inputs"]
     return (
         {name: jnp.asarray(value, float) for name, value in values.items()},
         {name: jnp.asarray(array) for name, array in as_arrays(golden.inputs, inputs).items()},
@@ -67,4 +82,4 @@ def scan() -> Result:
 
 
 if __name__ == "__main__":
-    run_checks([step] if "--quick" in sys.argv else [step, scan], needs="jax")
+    run_checks([step] if "--quick" in sys.argv else [step, scan])

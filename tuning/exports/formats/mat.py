@@ -22,7 +22,7 @@ plot(s.golden.time, s.golden.outputs.{first})
 ```
 
 `s.golden` holds the golden recording: `time`, `inputs`, `outputs`; MATLAB counts from one, so `sides[0]` is
-`sides_1`. Features that are absent are left out."""
+`sides_1`. Numbers are doubles, what is true or false is logical. Features that are absent are left out."""
 
 
 def write_mat(subject: Subject) -> Artefact:
@@ -73,9 +73,17 @@ def _keys(path: Path) -> list[str]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as MATLAB can hold it: names that are no identifiers are made into such."""
+    """Return a value as MATLAB computes with it: numbers as doubles, names that are no identifiers made into such.
+
+    MATLAB and Octave round what they multiply by a whole number of another type. A whole number that is no double
+    (a seed may be one) becomes text.
+    """
     if isinstance(value, dict):
         return {_field(str(key)): plain(inner) for key, inner in value.items()}
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iu":
+        return value.astype(float)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return float(value) if float(value) == value else str(value)
     if isinstance(value, list | tuple):
         is_numeric = all(isinstance(inner, int | float) and not isinstance(inner, bool) for inner in value)
         if is_numeric:

@@ -35,8 +35,10 @@ state, answer = step(parameters, state, sample)
 answers = scan(parameters, recordings)  # (lane, time) each in, (lane, time) each out; any number of both
 ```
 
-`parameters.json` has the parameters. Nothing of vsajax is needed. Lowered for {platforms}. `step.mlir` is the step
-as text, for other compilers of StableHLO."""
+`parameters.json` has the parameters. Nothing of vsajax is needed, but jax and flatbuffers are
+(`pip install jax=={jax} flatbuffers`). Written by jax {jax}: that version reads it, later ones do for six months,
+as jax promises; older ones may not. Lowered for {platforms}. `step.mlir` is the step as text,
+for other compilers of StableHLO."""
 
 
 def write_stablehlo(subject: Subject) -> Artefact:
@@ -56,9 +58,13 @@ def write_stablehlo(subject: Subject) -> Artefact:
     files["step.mlir"] = exported["step"].mlir_module()
     values = dict(zip(program.parameters.names, (value.tolist() for value in program.defaults), strict=True))
     files["parameters.json"] = json.dumps(values, indent=2) + "\n"
-    usage = _USAGE.format(platforms=" and ".join(_PLATFORMS))
-    versions = {"calling_convention_version": exported["step"].calling_convention_version}
-    return Artefact(files, "stablehlo", usage, {"stablehlo": versions | {"platforms": list(_PLATFORMS)}})
+    usage = _USAGE.format(platforms=" and ".join(_PLATFORMS), jax=jax.__version__)
+    about = {
+        "jax": jax.__version__,
+        "calling_convention_version": exported["step"].calling_convention_version,
+        "platforms": list(_PLATFORMS),
+    }
+    return Artefact(files, "stablehlo", usage, {"stablehlo": about})
 
 
 @dataclass(frozen=True)
