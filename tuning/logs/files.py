@@ -95,7 +95,9 @@ class LogFile:
         held = self.column(name).type
         if pa.types.is_timestamp(held) or pa.types.is_date(held):
             return "dates"
-        return "durations" if pa.types.is_temporal(held) else str(held)
+        if pa.types.is_temporal(held):
+            return "durations" if self.lines is None else "times of day"
+        return str(held)
 
     def nearest(self, name: str) -> str | None:
         """Return the column whose name is most like `name`, capitals apart, if any is."""
@@ -103,12 +105,22 @@ class LogFile:
         near = difflib.get_close_matches(name.lower(), by_lower, 1)
         return by_lower[near[0]] if near else None
 
-    def is_mostly_numbers(self, name: str) -> bool:
-        """Return whether a column holds numbers but for less than half of its cells."""
+    def numeric_rows(self, name: str) -> np.ndarray:
+        """Return the rows in which a column holds a finite number; none, where that is less than half of them."""
         column = self.column(name)
         if pa.types.is_string(column.type):
-            return 2 * bad_numbers(trimmed(column), self.decimal).size < len(column) > 2 * column.null_count
-        return pa.types.is_floating(column.type) or pa.types.is_integer(column.type)
+            cells = trimmed(column)
+            good = cells.is_valid().to_numpy().astype(bool)
+            good[bad_numbers(cells, self.decimal)] = False
+            rows = np.flatnonzero(good)
+            values = to_numbers(cells.take(pa.array(rows)), self.decimal).to_numpy()
+        elif pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            rows = np.flatnonzero(column.is_valid().to_numpy().astype(bool))
+            values = column.take(pa.array(rows)).to_numpy()
+        else:
+            return np.arange(0)
+        rows = rows[np.isfinite(values)]
+        return rows if 2 * rows.size > len(column) else rows[:0]
 
     def numbers(self, name: str, rows: np.ndarray) -> np.ndarray:
         """Return a column at `rows` as finite numbers: int64 where the file holds integers, else float64.
@@ -172,7 +184,7 @@ class LogFile:
             ways_out = ["map another column, or select other messages in [select]"]
         elif got.startswith("no value") and rows.size > 0.05 * self.table.num_rows:
             ways_out.append("has each topic rows of its own? then split_rows = true in [file] of a signal map")
-        if self.lines is not None and rows[0] == 0:
+        if self.lines is not None and rows[0] == 0 and not got.startswith("no value"):
             line = self.lines[0]
             ways_out.append(f"in [file] of a signal map, units = true if it holds units, header = {line} if names")
         return input_error(

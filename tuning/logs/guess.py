@@ -165,15 +165,17 @@ def propose(path: Path) -> Proposal:
 
 
 def _numbers(stream: LogFile, notes: list[str]) -> dict[str, np.ndarray]:
-    """Return the columns of numbers; of those that a few cells keep from being one, notes are made."""
+    """Return the columns of numbers, and most of those that a few cells keep from being one, with a note."""
     found = {}
     everything = np.arange(stream.table.num_rows)
     for name in stream.names:
         try:
             found[name] = stream.numbers(name, stream.filled([name], everything)[:_LOOKED_AT])
         except InputError as error:
-            if stream.is_mostly_numbers(name):
-                notes += [f"left out: {mistake.place}: {mistake.problem}" for mistake in error.mistakes]
+            good = stream.numeric_rows(name)
+            if good.size:
+                found[name] = stream.numbers(name, good[:_LOOKED_AT])
+                notes += [f"to be mended first: {m.place}: {m.problem}; {m.fix}" for m in error.mistakes]
     return found
 
 
@@ -218,7 +220,12 @@ def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tup
     pairs = [n for n in numbers if _rises(numbers[n]) and _nanoseconds_beside(n, log.of(n), numbers)]
     candidates = own or named or pairs or rising
     if not candidates:
-        raise input_error(log.path, "has no column that rises as a clock does", "write a signal map by hand")
+        raise input_error(
+            log.path,
+            f"has no column that rises as a clock does; its columns: {', '.join(map(printable, log.names))}",
+            "say by hand what is what, in a signal map (an example: vsajax init logs/hebi map.toml); "
+            "is the header another line? then header = N in [file]",
+        )
     column = candidates[0]
     why = "its name, and it rises" if column in named or column in own else "it is the first column that rises"
     stream = log.of(column)

@@ -10,9 +10,9 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pydantic
@@ -26,6 +26,7 @@ COMMENTS = ("#", "%", "//")
 _SAMPLE = 120
 """Lines looked at from the beginning, the middle and the end each."""
 _LONGEST_PREAMBLE = 60
+_FEW_ROWS = 10
 _NUMERIC = 0.5
 """Share of its cells from which a column is one of numbers."""
 _MARKS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
@@ -112,8 +113,7 @@ class Layout:
     keys: dict[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class _Line:
+class _Line(NamedTuple):
     number: int
     text: str
 
@@ -163,7 +163,7 @@ def lay_out(path: Path, told: FileFormat = AS_FOUND) -> Layout:
         here = f"line {comments[0].number}" + (f" and {len(comments) - 1} more" if len(comments) > 1 else "")
         notes.append(f"comments left out: {here}")
     if separator == " ":
-        body = [replace(line, text="\t".join(cut(line.text, " "))) for line in body]
+        body = [_Line(line.number, "\t".join(cut(line.text, " "))) for line in body]
     return Layout(
         tuple(names),
         None if units is None else tuple(units),
@@ -202,6 +202,8 @@ def _decode(path: Path, raw: bytes, told: FileFormat) -> tuple[str, str]:
         raise input_error(
             path, "is an Excel workbook or an archive, whatever its name says", "save it as CSV there"
         )
+    if raw.startswith((b"\x1f\x8b", b"\x28\xb5\x2f\xfd", b"BZh")):
+        raise input_error(path, "is compressed, whatever its name says", "unpack it first")
     encoding = told.encoding or _encoding_of(raw)
     if encoding.startswith("utf-16") and len(raw) % 2:
         raw = raw[:-1]
@@ -222,6 +224,8 @@ def _decode(path: Path, raw: bytes, told: FileFormat) -> tuple[str, str]:
 
 
 def _encoding_of(raw: bytes) -> str:
+    if raw.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
+        return "utf-32"
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     start = raw[:4000]
@@ -243,7 +247,12 @@ def _split_lines(path: Path, text: str, told: FileFormat) -> tuple[list[_Line], 
     lines, comments = [], []
     open_quote: _Line | None = None
     is_wide = False
-    for number, line in enumerate(re.split("\r\n|\n|\r", text), 1):
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    numbered = map(_Line._make, enumerate(text.split("\n"), 1))
+    if '"' not in text and not any(mark in text for mark in marks):
+        return [line for line in numbered if line.text and not line.text.isspace()], [], False
+    for number, line in numbered:
         if open_quote is not None:
             open_quote = _Line(open_quote.number, f"{open_quote.text}\n{line}")
             if line.count('"') % 2:
@@ -277,14 +286,15 @@ def _sample(lines: Sequence[_Line]) -> list[_Line]:
 
 def _find_separator(sample: Sequence[_Line], told: FileFormat) -> tuple[str, int]:
     """Return the separator by which most cells are numbers or dates, and how many cells most rows then have."""
-    best, found = (-1.0, 0.0, 0), (",", 1)
+    best, found = (-1.0, 0.0, 0.0, 0), (",", 1)
     for separator in SEPARATORS if told.separator is None else (told.separator,):
         rows = [cut(line.text, separator) for line in sample]
         # Widths of equal number: the greater, as a header alone may be narrower.
         (width, agreeing) = max(Counter(map(len, rows)).items(), key=lambda item: (item[1], item[0]))
         cells = [cell for row in rows if len(row) == width for cell in row]
-        good = sum(_is_value(cell) for cell in cells) / max(len(cells), 1) * agreeing / len(rows)
-        value = (float(width > 1 and good > 0.0), good, width)
+        agreement = agreeing / len(rows)
+        good = round(sum(map(_is_value, cells)) / max(len(cells), 1) * agreement, 9)
+        value = (float(width > 1 and good > 0.0), good, agreement * (width > 1), width)
         if value > best:
             best, found = value, (separator, width)
     return found
@@ -456,7 +466,8 @@ class _Body:
             notes.append(
                 f"the header comes again on line {again[0]}{more}: left out; are these several recordings?"
             )
-        if len(body) > 1 and not ends_whole and len(self.cells(body[-1])) < self.width:
+        # With a line end behind it, it may as well be one of few rows that are ragged.
+        if len(body) > (_FEW_ROWS if ends_whole else 1) and len(self.cells(body[-1])) < self.width:
             notes.append(f"line {body[-1].number}, the last, is cut off: left out")
             body = body[:-1]
         return body, notes
