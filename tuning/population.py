@@ -186,9 +186,9 @@ class FromFile(_Marginal):
 
 @cache
 def _column(path: str, column: str) -> np.ndarray:
-    from tuning.logs.files import read_log_file
+    from tuning.logs.files import read_plain_file
 
-    log = read_log_file(Path(path))
+    log = read_plain_file(Path(path))
     if column not in log.names:
         raise input_error(f"{path}: {column}", "no such column", f"it has {', '.join(log.names)}")
     if not log.table.num_rows:

@@ -40,7 +40,8 @@ def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: boo
 
     def text() -> str:
         parts = {"training": tuned.train, "held out": tuned.held_out, "whole log": tuned.whole}
-        lines = [table(["number", "tuned"], list(tuned.values.items()))]
+        lines = [f"note: {note}" for note in search.table.notes]
+        lines.append(table(["number", "tuned"], list(tuned.values.items())))
         lines.append(f"{loaded.tune.objective}: {tuned.before:.4g} % before, {tuned.objective:.4g} % tuned")
         if loaded.tune.objective == "agreement":
             headers = ["", "correlation", "without the lag", "stiffness [N·m/rad]", "samples"]

@@ -222,6 +222,22 @@ def read_log_file(path: Path, told: FileFormat = AS_FOUND) -> LogFile:
     return log
 
 
+def read_plain_file(path: Path) -> LogFile:
+    """Return the columns of a CSV or Parquet file as `vsajax` writes them, of which nothing has to be found out.
+
+    Raises:
+        InputError: as `read_log_file`, or the file is laid out otherwise: who reads it cannot say what was found.
+    """
+    log = read_log_file(path)
+    if log.notes:
+        raise input_error(
+            path,
+            f"is no plain table: {log.notes[0]}",
+            "save it as CSV, with one header, commas and decimal points",
+        )
+    return log
+
+
 def _read(path: Path, told: FileFormat) -> LogFile:
     if path.is_dir():
         raise input_error(path, "is a directory", "name a file in it")

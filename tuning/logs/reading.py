@@ -26,7 +26,7 @@ from tuning.logs.clock import (
     rows_since,
 )
 from tuning.logs.faults import find_units, find_wraps, resolution
-from tuning.logs.files import LogFile, read_log_file, write_table
+from tuning.logs.files import LogFile, read_plain_file, write_table
 from tuning.logs.findings import Fault, Samples, is_sound
 from tuning.logs.positions import find_gear, find_rigid
 from tuning.logs.samples import find_held, find_spikes
@@ -186,7 +186,7 @@ def read_series(path: Path, column: str) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         InputError: the file cannot be used, lacks a column, or time does not strictly increase.
     """
-    log = read_log_file(path)
+    log = read_plain_file(path)
     absent = [(str(path), f"no column {name}", name) for name in ("time", column) if name not in log.names]
     if absent:
         way_out = 'call the clock "time", and name the torque: column = "…" beside path'

@@ -12,7 +12,7 @@ from tuning.errors import InputError, printable
 from tuning.logs.files import read_log_file
 from tuning.logs.guess import propose, to_map
 from tuning.logs.layout import FileFormat
-from tuning.logs.reading import read_recording
+from tuning.logs.reading import read_recording, read_series
 
 CASES = Path(__file__).parents[4] / "shared" / "cases" / "logs"
 
@@ -297,6 +297,16 @@ def test_names_that_steer_a_terminal_or_break_lines_are_named_not_sent(tmp_path,
         ended = vsajax(*arguments)
         assert not {"\x1b", "\u202e", "\x07"} & set(ended.out + ended.err)
     assert r"\x1b[31m" in ended.out
+
+
+@pytest.mark.failure
+def test_where_nothing_can_be_said_nothing_is_found_out(tmp_path):
+    path = tmp_path / "torque.csv"
+    path.write_text(text(";", comma=True, head=("time;motor_torque;x",)))
+    with pytest.raises(InputError, match=r"torque\.csv: is no plain table: read with semicolons (?s:.*)commas"):
+        read_series(path, "motor_torque")
+    path.write_text(text(head=("time,motor_torque,x",)))
+    np.testing.assert_allclose(read_series(path, "motor_torque")[1], DEFLECTION)
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="the cases found by use lie outside the repository")
