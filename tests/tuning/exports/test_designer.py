@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -91,6 +92,14 @@ def test_the_golden_path_meets_bounds_a_singular_pose_and_refusals():
         *(Status.NOT_DEFINITE, Status.NOT_FINITE, Status.UNREACHABLE, Status.SOLVED),
     ]
     assert np.isnan(np.asarray(commands.torque)[-4:-2]).all()
+
+
+def test_joints_with_names_are_named_in_the_order_of_the_arrays():
+    panda = Path(__file__).parents[2] / "golden" / "panda" / "panda.urdf"
+    settings = [f"arm={{urdf='{panda}', tip='panda_link4'}}", "joints={lower=50.0, upper=500.0}"]
+    named = deployable_of(load_arm_study(ARM, settings), str(ARM)).title
+    assert "an arm with 4 joints (panda_joint1, panda_joint2, panda_joint3, panda_joint4, in this order)" in named
+    assert "an arm with 4 joints, in every cycle" in deployable_of(load_arm_study(ARM), str(ARM)).title
 
 
 def test_ranges_are_those_of_the_study_file():
