@@ -6,6 +6,7 @@ controller was designed for k, so that the hand's compliance is C_a + J diag(c /
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,10 @@ from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
 from tuning.arm.problem import ArmProblem
+from tuning.arm.run import write_run
 from tuning.arm.study import ArmStudy
 from tuning.errors import input_error
 from tuning.figures import ESTIMATE, OTHER, TRUTH, new_figure, save
-from tuning.logs.files import write_table
 from tuning.store import read_results, read_table
 from vsajax import rollout
 from vsajax.control import stiffness_errors
@@ -118,11 +119,12 @@ def summarise(columns: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     return rows
 
 
-def write_accuracy(columns: dict[str, np.ndarray], folder: Path) -> list[Path]:
-    """Write all draws and the picture into a folder."""
-    table = folder / "accuracy.parquet"
-    write_table(table, columns)
-    return [table, save(draw_accuracy(columns), folder / "accuracy.png")]
+def write_accuracy(
+    study: ArmStudy, columns: dict[str, np.ndarray], folder: Path, result: Mapping[str, Any]
+) -> list[Path]:
+    """Write the run with all draws, and the picture, into a folder."""
+    files = write_run(folder, "montecarlo", study, result, columns)
+    return [*files, save(draw_accuracy(columns), folder / "accuracy.png")]
 
 
 def draw_accuracy(columns: dict[str, np.ndarray]) -> Figure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,9 @@ from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
 from tuning.arm.problem import ArmProblem
+from tuning.arm.run import write_run
 from tuning.arm.study import ArmStudy
 from tuning.figures import ESTIMATE, OTHER, QUIET, new_figure, save
-from tuning.logs.files import write_table
 from tuning.progress import Advance
 from vsajax import rollout
 from vsajax.control import PoseSearch, fit_passive, hand_compliance, improve_pose, inverse, reach, stiffness_errors
@@ -126,11 +127,12 @@ def _median(values: np.ndarray) -> float | None:
     return float(np.median(kept)) if kept.size else None
 
 
-def write_poses(columns: dict[str, np.ndarray], folder: Path) -> list[Path]:
-    """Write the targets and the picture into a folder."""
-    table = folder / "poses.parquet"
-    write_table(table, columns)
-    return [table, save(draw_poses(columns), folder / "poses.png")]
+def write_poses(
+    study: ArmStudy, columns: dict[str, np.ndarray], folder: Path, summary: Mapping[str, Any]
+) -> list[Path]:
+    """Write the run and the picture into a folder."""
+    files = write_run(folder, "poses", study, summary, columns)
+    return [*files, save(draw_poses(columns), folder / "poses.png")]
 
 
 def draw_poses(columns: dict[str, np.ndarray]) -> Figure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tuning.arm.problem import ArmProblem, Outcome, outcomes, told_statuses, usable
+from tuning.arm.run import write_run
 from tuning.arm.study import ArmStudy
 from tuning.figures import ESTIMATE, OTHER, new_figure, save
-from tuning.logs.files import write_table
 from vsajax.control import Status
 
 Columns = dict[str, np.ndarray]
@@ -63,11 +63,10 @@ def _finite(values: np.ndarray) -> np.ndarray:
     return values[np.isfinite(values)]
 
 
-def write_workspace(study: ArmStudy, columns: Columns, folder: Path) -> list[Path]:
-    """Write the columns and the map into a folder."""
-    table = folder / "workspace.parquet"
-    write_table(table, columns)
-    return [table, save(draw_workspace(study, columns), folder / "workspace.png")]
+def write_workspace(study: ArmStudy, columns: Columns, folder: Path, summary: Mapping[str, Any]) -> list[Path]:
+    """Write the run and the map into a folder."""
+    files = write_run(folder, "workspace", study, summary, columns)
+    return [*files, save(draw_workspace(study, columns), folder / "workspace.png")]
 
 
 def draw_workspace(study: ArmStudy, columns: Columns) -> Figure:

@@ -23,12 +23,19 @@ def _open(
     settings: tuple[str, ...],
     seed: int | None,
     needs: Callable[[ArmStudy, str], Sequence[Need]] | None = None,
+    *,
+    folder: Path | None = None,
 ) -> tuple[ArmStudy, ArmProblem]:
     from tuning.arm.study import load_arm_study
     from tuning.limits import require
 
     study = load_arm_study(path, with_seed(settings, seed))
     require(*(needs(study, str(path)) if needs else ()))
+    if folder is not None:
+        from tuning.arm.run import require_folder
+
+        command = click.get_current_context().info_name or ""
+        require_folder(folder, command)
     from tuning.runtime import start_jax
 
     start_jax()
@@ -48,20 +55,43 @@ def _percent(value: float | None) -> str:
 
 @click.command(epilog="Example: vsajax stiffness arm.toml --set arm.pose_deg=[30,-20,10,90]")
 @STUDY
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    type=click.Path(path_type=Path),
+    metavar="RUN",
+    help="Keep it, with a picture, in this run folder.",
+)
 @SETTINGS
 @JSON
 @QUIET
-def stiffness(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
+def stiffness(study: Path, folder: Path | None, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """Design joints and controller for the pose of STUDY; exit 1 where the pose allows no design that meets it."""
-    loaded, problem = _open(study, settings, None)
+    loaded, problem = _open(study, settings, None, folder=folder)
     from tuning.arm.chain import chain_of
     from tuning.arm.single import design_pose
     from tuning.arm.study import outside_of
 
     chain = chain_of(loaded.arm, str(study), study.parent)
     result = design_pose(loaded, problem, outside_of(loaded, chain))
-    following = words("workspace", study, "-o", run_folder("workspace"), settings=settings)
-    emit(result.as_tables(), as_json=as_json, quiet=quiet, text=result.as_text, following=following)
+    files, told = [], result.as_tables()
+    if folder is not None:
+        from tuning.arm.figures import draw_pose
+        from tuning.arm.run import write_run
+        from tuning.figures import save
+
+        files = write_run(folder, "stiffness", loaded, told)
+        files.append(save(draw_pose(loaded, told), folder / "stiffness.png"))
+        told = {"run": folder, "files": files} | told
+    following = words("workspace", study, "-o", run_folder("workspace", folder), settings=settings)
+    emit(
+        told,
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: "\n".join([result.as_text(), *(f"wrote {file}" for file in files)]),
+        following=following,
+    )
     _end(ok=result.ok)
 
 
@@ -78,11 +108,11 @@ def workspace(
     """Map the stiffness that the arm of STUDY can have over its workspace."""
     from tuning.arm.needs import of_workspace
 
-    loaded, problem = _open(study, settings, seed, of_workspace)
+    loaded, problem = _open(study, settings, seed, of_workspace, folder=folder)
     from tuning.arm.workspace import map_workspace, write_workspace
 
     columns, summary = map_workspace(loaded, problem)
-    files = write_workspace(loaded, columns, folder)
+    files = write_workspace(loaded, columns, folder, summary)
 
     def text() -> str:
         rows = [
@@ -119,13 +149,13 @@ def poses(
     """Search poses with the hand where it is whose joints alone fit the stiffness better."""
     from tuning.arm.needs import of_poses
 
-    loaded, problem = _open(study, settings, seed, of_poses)
+    loaded, problem = _open(study, settings, seed, of_poses, folder=folder)
     from tuning.arm.poses import improve_poses, write_poses
     from tuning.progress import progress
 
     with progress("poses", loaded.poses.starts, quiet=quiet or as_json) as advance:
         columns, summary = improve_poses(loaded, problem, advance)
-    files = write_poses(columns, folder)
+    files = write_poses(loaded, columns, folder, summary)
 
     def text() -> str:
         rows = [[name, _percent(value)] for name, value in summary["median_error"].items() if value is not None]
@@ -162,12 +192,14 @@ def run_arm_accuracy(
     def needs(loaded: ArmStudy, place: str) -> list[Need]:
         return of_accuracy(loaded, "--scenarios", draws) if chosen else of_accuracy(loaded, place)
 
-    loaded, problem = _open(study, settings, seed, needs)
+    loaded, problem = _open(study, settings, seed, needs, folder=folder)
     from tuning.arm.accuracy import run_accuracy, summarise, write_accuracy
 
     columns = run_accuracy(loaded, problem, study, draws if chosen else None)
-    files, rows = write_accuracy(columns, folder), summarise(columns)
+    rows = summarise(columns)
     ok = any(row["stiffness_error_median"] is not None for row in rows)
+    result = {"ok": ok, "joints": list(problem.names), "levels": rows}
+    files = write_accuracy(loaded, columns, folder, result)
 
     def text() -> str:
         shown: list[list[Any]] = [
@@ -184,7 +216,7 @@ def run_arm_accuracy(
         return "\n".join([table(headers, shown), *([] if ok else [lost]), *(f"wrote {file}" for file in files)])
 
     emit(
-        {"ok": ok, "run": folder, "files": files, "joints": list(problem.names), "levels": rows},
+        {"run": folder, "files": files} | result,
         as_json=as_json,
         quiet=quiet,
         text=text,

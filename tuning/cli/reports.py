@@ -27,16 +27,27 @@ def report(run: Path, other: Path | None, output: Path | None, opens: bool, as_j
     from tuning.runtime import start_jax
 
     start_jax()
+    from tuning.arm.run import is_arm_run, read_run
     from tuning.report.compose import report_pair, report_run
     from tuning.report.gather import check_comparable, open_finished
     from tuning.store import write_text
 
-    runs = [open_finished(folder) for folder in (run, other) if folder is not None]
-    if len(runs) == 2:
-        check_comparable(*runs)
-        page = report_pair(*runs)
+    folders = [folder for folder in (run, other) if folder is not None]
+    of_arms = [folder for folder in folders if is_arm_run(folder)]
+    if of_arms:
+        if len(folders) == 2:
+            problem = "holds a run of an arm, of which there is no report in pairs"
+            raise input_error(of_arms[0], problem, "name it alone")
+        from tuning.report.arm import report_arm
+
+        page = report_arm(read_run(run))
     else:
-        page = report_run(runs[0])
+        runs = [open_finished(folder) for folder in folders]
+        if len(runs) == 2:
+            check_comparable(*runs)
+            page = report_pair(*runs)
+        else:
+            page = report_run(runs[0])
     text = page.html()
     write_text(output, text)
     size = len(text.encode())

@@ -8,7 +8,6 @@ from pathlib import Path as File
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.arm.names import numbered
 from tuning.arm.names import listed, numbered
 from tuning.arm.problem import ArmProblem, build_problem, pose_of
 from tuning.arm.study import ArmStudy
@@ -66,9 +65,8 @@ class DeployableDesigner(Deployable):
     @property
     def title(self) -> str:
         """What it is, for people; joints with names of their own are named in the order of every array."""
-        names = self.problem.names
-        own = "" if names == numbered(len(names)) else f" ({listed(names)}, in this order)"
-        return f"Cartesian stiffness of an arm with {len(names)} joints{own}, in every cycle"
+        own = f" ({listed(self.joints)}, in this order)" if self.joints else ""
+        return f"Cartesian stiffness of an arm with {self.problem.arm.joints} joints{own}, in every cycle"
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -160,8 +160,9 @@ def test_a_small_arm_of_a_urdf_goes_through_every_command_under_its_joints_names
     assert "pose [deg]" in lines[0]
     assert [line[:14].rstrip() for line in lines[1:4]] == NAMES
     assert lines[4] == f"note: {note}"
-    found = answer(vsajax("stiffness", own, "--json"))
+    found = answer(vsajax("stiffness", own, "--json", "-o", "one"))
     assert (found["joints"], found["outside"]) == (NAMES, [note])
+    assert found["files"] == ["one/manifest.json", "one/stiffness.png"]
 
     mapped = answer(vsajax("workspace", own, "-o", "space", "--json"))
     assert (mapped["ok"], mapped["joints"], mapped["poses"]) == (True, NAMES, 8)
@@ -180,7 +181,7 @@ def test_a_small_arm_of_a_urdf_goes_through_every_command_under_its_joints_names
     assert medians[0] >= medians[1] >= medians[3]
     assert (better["ok"], better["unreached"], better["joints"]) == (True, 0, NAMES)
     assert columns_of(tmp_path / "better" / "poses.parquet")[-3:] == [f"{name}_position" for name in NAMES]
-    lost = vsajax("poses", own, "-o", "lost", *settings("task.stiffness=[1e-300, 1e-300, 1e-300]"))
+    lost = vsajax("poses", own, "-o", "nowhere", *settings("task.stiffness=[1e-300, 1e-300, 1e-300]"))
     assert (lost.code, "nan" in lost.out, "inf" in lost.out) == (1, False, False)
     assert "no target has a pose whose passive error has a value: `vsajax stiffness`" in lost.out
 
@@ -190,8 +191,34 @@ def test_a_small_arm_of_a_urdf_goes_through_every_command_under_its_joints_names
     lost = vsajax("montecarlo", own, "-o", "lost", *settings("task.stiffness=[1e-300, 1e-300, 1e-300]"))
     assert (lost.code, "nan" in lost.out) == (1, False)
     assert "no arm has a hand whose stiffness has a value" in lost.out
-    for picture in ("space/workspace.png", "better/poses.png", "costs/accuracy.png"):
+    for picture in ("one/stiffness.png", "space/workspace.png", "better/poses.png", "costs/accuracy.png"):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+
+    for run, headline, said in (
+        ("one", "the desired stiffness is ", "[deg] shoulder"),
+        ("space", "of 8 poses", "passive stiffness error"),
+        ("better", "Median passive error over 2 targets", "searched from 2 poses"),
+        ("costs", "At an MSREP of 1 % in the joints", "against designed"),
+        ("none", "No pose has a design that can be used", "not optimal"),
+        ("lost", "No arm has a hand whose stiffness has a value", "failed"),
+    ):
+        told = answer(vsajax("report", run, "--json"))
+        assert headline in told["headline"]
+        assert told["pictures"] == 1
+        page = (tmp_path / run / "report.html").read_text()
+        assert said in page
+        assert "nan" not in page.split("base64")[0]
+    refused = vsajax("report", "one", "space")
+    assert (refused.code, "no report in pairs" in refused.err) == (2, True)
+    refused = vsajax("workspace", own, "-o", "better")
+    assert (refused.code, "better: holds a run of vsajax poses" in refused.err) == (2, True)
+    (tmp_path / "space" / "workspace.parquet").write_bytes((tmp_path / "none" / "workspace.parquet").read_bytes())
+    refused = vsajax("report", "space")
+    assert (refused.code, "workspace.parquet" in refused.err) == (2, True)
+    manifest = tmp_path / "costs" / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"draws": 8', '"draws": 9'))
+    refused = vsajax("report", "costs")
+    assert (refused.code, "manifest.json: does not hold what was written" in refused.err) == (2, True)
 
 
 @pytest.mark.cli
