@@ -19,14 +19,19 @@ from tuning import runtime
 from tuning.cli.main import run as run_command
 from tuning.figures import new_figure
 from tuning.report import page, pictures, tables
+from tuning.report.compose import report_run
 from tuning.report.effort import effort_of, tabulate_effort
-from tuning.report.gather import open_finished, short_names
+from tuning.report.gather import Contestant, open_finished, short_names
 from tuning.report.replay import Replay
+from tuning.report.searches import what_is_tuned
+from tuning.resources import CONFIGS
 from tuning.robustness import Interval
 from tuning.statistic import Statistic
-from tuning.store import RunStore, columns_of, read_manifest, read_results
+from tuning.store import RunStore, columns_of, open_run, read_manifest, read_results
+from tuning.study import load_config, load_study, resolved, to_toml, with_numbers
 
 SHORT = [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]
+DAMPING = CONFIGS / "studies" / "damping.toml"
 LAW = "estimator.fit={ prior_scale = 1.0, law = { type = 'forgetting', forgetting = 0.95 } }"
 VARIED = (
     "population={vary={'joint.link.inertia'={type='uniform',low=0.9,high=1.1,relative=true},"
@@ -246,11 +251,96 @@ def shorten(folder):
     (folder / "summary.json").unlink()
 
 
+@pytest.fixture
+def contested(runs, tmp_path):
+    """A contest's folder, moved after it ran: two options' configurations, and the comparison that ends it."""
+    ran = tmp_path / "ran"
+    settings = [word for word in SHORT if word != "--set"]
+    plan = {"method": "cmaes", "batch": 4, "trials": 8}
+    open_run(ran, "contest", load_study(SERIAL, settings), plan, [], resume=False)
+    for options, source in (("rigid", SERIAL), ("memory", runs / "tune" / "best.toml")):
+        (ran / options).mkdir()
+        shutil.copy(source, ran / options / "best.toml")
+    files = [str(ran / options / "best.toml") for options in ("rigid", "memory")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runtime, "start_jax", lambda: None)
+        assert run_command(["compare", *files, "-s", str(SERIAL), "-o", str(ran / "compare"), "-q", *SHORT]) == 0
+    return ran.rename(tmp_path / "contest")
+
+
+def test_a_contest_is_reported_on_with_what_each_was_tuned_to(contested, tmp_path, vsajax):
+    path = tmp_path / "report.html"
+    ended = vsajax("report", contested, "-o", path)
+    assert (ended.code, ended.err) == (0, "")
+    reader, words = read(path)
+    needs_nothing_else(reader, path.read_text(encoding="utf-8"))
+    for said in ("Best of 2", "What each was tuned to", "8 trials of cmaes", "nothing: it has no number to tune"):
+        assert said in words
+    # Both are replayed from their files in the run's folder.
+    assert "True and estimated stiffness: rigid" in words
+    assert "True and estimated stiffness: memory" in words
+    assert f"Next: vsajax export {contested / 'rigid' / 'best.toml'}" in ended.out
+    (contested / "compare" / "results.parquet").unlink()
+    assert "holds an unfinished run" in vsajax("report", contested, "-o", path).err
+
+
+def test_what_tuning_changed_is_told_of_every_table(runs):
+    found = open_finished(runs / "tune")
+    page = report_run(found)
+    (changed,) = [table for table in page.tables if table.title == "What tuning changed"]
+    assert {row[0] for row in changed.rows} >= {PRIOR, FORGETTING}
+    # A damping study has no estimator: its controller and observer were tuned.
+    swing = load_study(DAMPING)
+    tuned = with_numbers(swing, {"observer.cutoff": 33.0}, "tuned")
+    pair = [Contestant(name, study, {}) for name, study in (("before", swing), ("tuned", tuned))]
+    told = tables.tabulate_changes(*map(what_is_tuned, pair), ("before", "tuned"))
+    assert [row[0] for row in told.rows] == ["observer.cutoff"]
+
+
+@pytest.mark.failure
+def test_an_export_is_no_run(tmp_path, vsajax):
+    (tmp_path / "manifest.json").write_text('{"format": "c99"}')
+    (tmp_path / "golden.csv").touch()
+    ended = vsajax("report", tmp_path)
+    assert ended.code == 2
+    assert "holds an export, not a run" in ended.err
+
+
+def test_tuning_on_a_log_is_reported_on(tmp_path, vsajax):
+    part = {"correlation": 0.9, "unlagged": 0.8, "stiffness": 7.5, "rms": 0.2, "samples": 40}
+    config = load_config(CONFIGS / "tuned" / "sea_sensor.toml")
+    provenance = {
+        "command": "tune",
+        "objective": "agreement",
+        "recording": {"file": "log.csv", "train_until": 3.0},
+        "study_hash": "0123",
+        "seed": 0,
+        "versions": {"jax": "1"},
+        "tuned": [PRIOR],
+        "train": part,
+        "held_out": part,
+        "noise_floor": 0.1,
+        "held_out_within_floor": 0.99,
+    }
+    (tmp_path / "best.toml").write_text(to_toml(resolved(config) | {"provenance": provenance}))
+    rows = {PRIOR: [0.1, 1.0], "objective": [3.0, 2.0], "stage": ["screen", "refine"], "message": ["", ""]}
+    pq.write_table(pa.table(rows), tmp_path / "results.parquet")
+    ended = vsajax("report", tmp_path)
+    assert (ended.code, ended.err) == (0, "")
+    reader, words = read(tmp_path / "report.html")
+    needs_nothing_else(reader, (tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "agreement of 2 %" in ended.out
+    for said in ("log.csv", "What was tuned", "samples up to 3 s", "held out"):
+        assert said in words
+    (tmp_path / "best.toml").write_text(to_toml(resolved(config) | {"provenance": {"recording": {}}}))
+    assert "is not as tuning on a log has left it" in vsajax("report", tmp_path).err
+
+
 BROKEN = {
     "no results": ("sweep", remove("results.parquet"), ["holds an unfinished run", "vsajax sweep", "--resume"]),
     "no best": ("tune", remove("best.toml"), ["no best.toml", "--resume"]),
     "stopped": ("montecarlo", shorten, ["some of its scenarios are missing", "--resume"]),
-    "no manifest": ("sweep", remove("manifest.json"), ["is no run folder", "montecarlo, sweep, tune or compare"]),
+    "no manifest": ("sweep", remove("manifest.json"), ["is no run folder", "sweep, tune, compare or contest"]),
     "bad manifest": ("sweep", lambda f: (f / "manifest.json").write_text("{"), ["cannot be read as a manifest"]),
     "list": ("sweep", lambda f: (f / "manifest.json").write_text("[]"), ["cannot be read as a manifest"]),
     "lacking": ("sweep", lambda f: (f / "manifest.json").write_text("{}"), ["it lacks command, study_hash, plan"]),

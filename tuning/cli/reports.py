@@ -28,10 +28,10 @@ def report(run: Path, other: Path | None, output: Path | None, opens: bool, as_j
 
     start_jax()
     from tuning.arm.run import is_arm_run, read_run
-    from tuning.report.compose import report_pair, report_run
-    from tuning.report.gather import check_comparable, open_finished
+    from tuning.report.log_search import is_log_search, report_log_search
     from tuning.store import write_text
 
+    best = run / "best.toml"
     folders = [folder for folder in (run, other) if folder is not None]
     of_arms = [folder for folder in folders if is_arm_run(folder)]
     if of_arms:
@@ -41,13 +41,20 @@ def report(run: Path, other: Path | None, output: Path | None, opens: bool, as_j
         from tuning.report.arm import report_arm
 
         page = report_arm(read_run(run))
+    elif other is None and is_log_search(run):
+        page = report_log_search(run)
     else:
+        from tuning.report.compose import report_pair, report_run
+        from tuning.report.gather import check_comparable, contender_file, open_finished
+
         runs = [open_finished(folder) for folder in folders]
         if len(runs) == 2:
             check_comparable(*runs)
             page = report_pair(*runs)
         else:
             page = report_run(runs[0])
+        if runs[0].command == "contest":
+            best = contender_file(runs[0], next(iter(runs[0].compared)))
     text = page.html()
     write_text(output, text)
     size = len(text.encode())
@@ -56,15 +63,14 @@ def report(run: Path, other: Path | None, output: Path | None, opens: bool, as_j
         as_json=as_json,
         quiet=quiet,
         text=f"{page.headline}\nwrote {output} ({len(page.pictures)} pictures, {size / 1e6:.1f} MB)",
-        following=lambda: _following(run, opened=opens),
+        following=lambda: _following(best, opened=opens),
     )
     if opens:
         click.launch(str(output))
 
 
-def _following(run: Path, *, opened: bool) -> Words:
-    """Return how to deploy what a run found; where it looked for nothing, how to see the report."""
-    best = run / "best.toml"
+def _following(best: Path, *, opened: bool) -> Words:
+    """Return how to deploy the best that a run found; where it looked for nothing, how to see the report."""
     if best.is_file():
         return deploy(best)
     return words("init", "--list") if opened else again(extra=["--open"])

@@ -1,14 +1,18 @@
-"""The report on a comparison."""
+"""The reports on a comparison, and on a contest, which ends with one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 
+from tuning.errors import InputError
+from tuning.judging import unit_of
 from tuning.report import tables
 from tuning.report.elements import Parts, say_difference, say_value, show_distributions, show_traces
-from tuning.report.gather import FinishedRun
-from tuning.report.page import Picture
+from tuning.report.gather import FinishedRun, contender_file
+from tuning.report.page import Picture, Table, number
+from tuning.report.pictures import short_paths
+from tuning.study import load_config, numeric_paths
 
 _CONTENDERS = 6
 """Estimators whose traces are shown."""
@@ -40,6 +44,36 @@ def describe_comparison(run: FinishedRun) -> Parts:
         findings.append(f"traces of the first {_CONTENDERS} only")
 
     return Parts(headline, _comparison_pictures(run), found, findings)
+
+
+def describe_contest(run: FinishedRun) -> Parts:
+    """Return what there is to say of a contest: the comparison that ends it, and what each option was tuned to."""
+    parts = describe_comparison(run)
+    plan = run.manifest["plan"]
+    search = (
+        f"Each was tuned by {plan['trials']} trials of {plan['method']}; the best on the training scenarios first."
+    )
+    tuned = Table("What each was tuned to", ["options", "training", "tuned numbers"], _tuned_rows(run), search)
+    return replace(parts, tables=[tuned, *parts.tables])
+
+
+def _tuned_rows(run: FinishedRun) -> list[list[object]]:
+    rows: list[list[object]] = []
+    for one, name in zip(run.contestants, run.compared, strict=True):
+        study = one.study
+        try:
+            provenance = load_config(contender_file(run, name)).provenance
+        except InputError:
+            provenance = {}
+        numbers = {} if study is None else numeric_paths(study)
+        paths = [path for path in provenance.get("tuned", []) if path in numbers]
+        said = ", ".join(
+            f"{label} = {number(numbers[path])}" for path, label in zip(paths, short_paths(paths), strict=True)
+        )
+        value = provenance.get("train", {}).get("value")
+        shown = number(float(value)) + unit_of(run.objective) if value is not None else "–"
+        rows.append([one.name, shown, said or "nothing: it has no number to tune"])
+    return rows
 
 
 def _comparison_pictures(run: FinishedRun) -> Iterator[Picture]:

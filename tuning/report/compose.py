@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tuning.report import pictures, tables
-from tuning.report.comparison import describe_comparison
+from tuning.report.comparison import describe_comparison, describe_contest
 from tuning.report.effort import show_effort, tabulate_effort
 from tuning.report.elements import say_difference, say_value, show_distributions, show_traces
 from tuning.report.gather import Contestant, FinishedRun, is_paired, short_names
@@ -23,6 +23,7 @@ _DESCRIBE = {
     "sweep": describe_sweep,
     "tune": describe_tuning,
     "compare": describe_comparison,
+    "contest": describe_contest,
 }
 
 

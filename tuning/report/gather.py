@@ -25,7 +25,7 @@ from tuning.store import columns_of, is_file, read_manifest, read_results, read_
 from tuning.study import Study, load_config, load_study, parse_study, study_hash
 from tuning.sweep import GridSweep, Value, rank
 
-COMMANDS = ("montecarlo", "sweep", "tune", "compare")
+COMMANDS = ("montecarlo", "sweep", "tune", "compare", "contest")
 _WORST = 5
 
 
@@ -73,10 +73,24 @@ class FinishedRun:
         """The scenarios on which the report shows traces."""
         return "population" if self.command == "montecarlo" else "held_out"
 
+    @property
+    def scored(self) -> Path:
+        """The folder of the scores: a contest's are those of the comparison that ends it."""
+        return self.folder / "compare" if self.command == "contest" else self.folder
+
+    @cached_property
+    def compared(self) -> dict[str, str]:
+        """The study hash of every configuration of a comparison or a contest by its file, in order."""
+        return (
+            self.manifest["plan"]
+            if self.command == "compare"
+            else read_manifest(self.scored / "manifest.json")["plan"]
+        )
+
     @cached_property
     def columns(self) -> dict[str, np.ndarray]:
         """The columns of the run's results."""
-        return columns_of(read_results(self.folder))
+        return columns_of(read_results(self.scored))
 
     @cached_property
     def summary(self) -> Summary:
@@ -108,7 +122,7 @@ class FinishedRun:
     @cached_property
     def best(self) -> Contestant:
         """The contestant with the lowest objective; of a search, what it found."""
-        if self.command != "compare":
+        if self.command not in {"compare", "contest"}:
             return self.contestants[-1]
         statistic = self.study.tune.statistic
 
@@ -132,6 +146,8 @@ def open_finished(folder: Path) -> FinishedRun:
         raise input_error(folder, "is no folder" if folder.exists() else "no such folder", where)
     if not path.exists():
         raise input_error(folder, "is no run folder: it holds no manifest.json", where)
+    if (folder / "golden.csv").is_file():
+        raise input_error(folder, "holds an export, not a run", f"vsajax export {folder} --check, or {where}")
     manifest = read_manifest(path)
     command, study, plan = manifest["command"], manifest["study"], manifest["plan"]
     if command not in COMMANDS:
@@ -173,7 +189,7 @@ def is_paired(first: FinishedRun, second: FinishedRun) -> bool:
 
 
 def _missing(run: FinishedRun) -> str:
-    results = run.folder / "results.parquet"
+    results = run.scored / "results.parquet"
     if not is_file(results):
         return "it has no results.parquet"
     if run.command == "tune" and not is_file(run.folder / "best.toml"):
@@ -217,25 +233,38 @@ def _score(study: Study) -> dict[str, np.ndarray]:
 
 
 def _compared(run: FinishedRun) -> list[Contestant]:
-    names = list(run.manifest["plan"])
+    names = list(run.compared)
+    shown = [Path(name).parent.name for name in names] if run.command == "contest" else short_names(names)
     found = []
     for place, name in enumerate(names):
         rows = np.flatnonzero(run.columns["configuration"] == name)
-        study = run.study if place == 0 else _load_contender(run, name)
-        found.append(Contestant(short_names(names)[place], study, _metrics(run.columns, rows)))
+        is_own = run.command == "compare" and place == 0
+        study = run.study if is_own else _load_contender(run, name)
+        found.append(Contestant(shown[place], study, _metrics(run.columns, rows)))
     return found
 
 
 def _load_contender(run: FinishedRun, name: str) -> Study | None:
     """Return a contender from its file, if that is still what was compared."""
     try:
-        study = contenders({name: load_config(Path(name))}, run.study, str(run.folder))[name]
+        study = contenders({name: load_config(contender_file(run, name))}, run.study, str(run.folder))[name]
     except InputError:
         return None
-    return study if study_hash(study) == run.manifest["plan"][name] else None
+    return study if study_hash(study) == run.compared[name] else None
 
 
-_CONTESTANTS = {"montecarlo": _population, "sweep": _swept, "tune": _tuned, "compare": _compared}
+def contender_file(run: FinishedRun, name: str) -> Path:
+    """Return the file of a compared configuration: a contest's lie in its folder, wherever that was moved to."""
+    return run.folder / Path(name).parent.name / "best.toml" if run.command == "contest" else Path(name)
+
+
+_CONTESTANTS = {
+    "montecarlo": _population,
+    "sweep": _swept,
+    "tune": _tuned,
+    "compare": _compared,
+    "contest": _compared,
+}
 
 
 def short_names(names: list[str]) -> list[str]:

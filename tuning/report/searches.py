@@ -24,7 +24,7 @@ from tuning.report.elements import (
     show_parallel,
     show_traces,
 )
-from tuning.report.gather import FinishedRun
+from tuning.report.gather import Contestant, FinishedRun
 from tuning.report.page import Picture, number, valued
 from tuning.report.pictures import UNITS, short_paths, short_rows
 
@@ -110,17 +110,21 @@ def describe_tuning(run: FinishedRun) -> Parts:
     found = [
         tables.tabulate_scores(run.contestants, seed, statistic),
         tables.tabulate_differences(before, after, statistic, seed),
-        tables.tabulate_changes(
-            tables.study_tables(before).get("estimator", {}),
-            tables.study_tables(after).get("estimator", {}),
-            ("before", "tuned"),
+        replace(
+            tables.tabulate_changes(what_is_tuned(before), what_is_tuned(after), ("before", "tuned")),
+            title="What tuning changed",
         ),
     ]
-    found[-1] = replace(found[-1], title="What tuning changed of the estimator")
     if tried:
         label = f"training {UNITS[run.objective]}"
         found.insert(0, tables.tabulate_ranking(tried, _numbers_of(run, tried), "objective", label))
     return Parts(headline, _tune_pictures(run), found, [])
+
+
+def what_is_tuned(contestant: Contestant) -> dict[str, Any]:
+    """Return the tables of a contestant's study that a search may change: all but those that describe searches."""
+    found = tables.study_tables(contestant)
+    return {name: table for name, table in found.items() if name not in {"name", "sweep", "tune", "provenance"}}
 
 
 def _tried(run: FinishedRun) -> list[dict[str, Any]]:
