@@ -199,14 +199,14 @@ def open_run(
     path = folder / "manifest.json"
     identity = {"command": command, "study_hash": study_hash(study), "plan": dict(plan)}
     _refuse_foreign(folder)
-    files = hash_inputs(study) if not path.exists() else {}
+    files = {} if os.path.lexists(path) else hash_inputs(study)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise input_error(path, f"cannot be written ({error.strerror})", "check the folder and the disk") from None
     lock = lock_folder(folder)
     try:
-        if path.exists():
+        if os.path.lexists(path):
             return RunStore(folder, _resumed(path, identity, chunks, resume=resume), lock)
         manifest = identity | {
             "seed": study.seed,

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -71,7 +72,7 @@ def test_no_changed_byte_of_chunks_or_manifest_is_joined_silently(whole, capsys)
     before = contents(whole)
     files = [whole / "manifest.json", *(whole / "chunks").iterdir()]
     counts = {"refused": 0, "computed": 0, "without effect": 0}
-    for i in range(400):
+    for i in range(240):
         path = files[i % len(files)]
         name = str(path.relative_to(whole))
         spoilt = bytearray(before[name])
@@ -93,8 +94,8 @@ def test_no_changed_byte_of_chunks_or_manifest_is_joined_silently(whole, capsys)
         assert (whole / "results.parquet").read_bytes() == before["results.parquet"]
         path.write_bytes(before[name])
     assert contents(whole) == before
-    assert counts["refused"] > 50
-    assert counts["computed"] > 150, counts
+    assert counts["refused"] > 30
+    assert counts["computed"] > 100, counts
 
 
 def copy_another(path):
@@ -217,13 +218,11 @@ def put_a_link_to(target):
         (put_a_directory, "is a directory"),
         (put_a_socket, "is a socket"),
         (put_a_link_to("/dev/zero"), "is a device"),
-        (put_a_link_to("b.parquet"), "cannot be read"),
+        (lambda path: put_a_link_to(path.name)(path), "cannot be read"),
     ],
 )
 def test_what_is_no_file_is_refused_without_being_opened(whole, name, put, what):
     path = whole / name
-    if name == "manifest.json" and what == "cannot be read":
-        pytest.skip("a link in a circle is no manifest at all")
     put(path)
     with pytest.raises(InputError) as caught:
         run_on(whole)
@@ -486,7 +485,7 @@ def test_no_changed_byte_of_a_journal_is_believed(tmp_path, capsys):
     journal = folder / "optuna.log"
     written = journal.read_bytes()
     rng, said = np.random.default_rng(5), 0
-    for _ in range(60):
+    for _ in range(16):
         spoilt = bytearray(written)
         spoilt[int(rng.integers(len(spoilt)))] ^= int(rng.integers(1, 256))
         journal.write_bytes(spoilt)
@@ -494,7 +493,7 @@ def test_no_changed_byte_of_a_journal_is_believed(tmp_path, capsys):
         assert searched(folder) == expected
         said += f"note: {journal} " in capsys.readouterr().err
     # The rest fell into the last mark: that batch is asked for again, as if the process had been killed in it.
-    assert said > 50
+    assert said > 10
 
 
 @pytest.mark.failure
@@ -577,9 +576,15 @@ def test_damage_of_every_kind_from_the_shell(tmp_path):
     path = run / "chunks" / "000001.parquet"
 
     def flip():
-        spoilt = bytearray(path.read_bytes())
-        spoilt[len(spoilt) // 3] ^= 4
-        path.write_bytes(spoilt)
+        written, whole = path.read_bytes(), pq.read_table(path)
+        score = struct.pack("<d", whole["msrep"][0].as_py())
+        # Statistics hold it too, of which nothing is read.
+        for part in range(1, written.count(score) + 1):
+            at = len(score.join(written.split(score)[:part]))
+            path.write_bytes(written[:at] + bytes([written[at] ^ 1]) + written[at + 1 :])
+            if not pq.read_table(path).equals(whole):
+                return
+        raise AssertionError("no byte of a score was found")
 
     def copy():
         shutil.copy(path.with_name("000000.parquet"), path)
@@ -641,13 +646,14 @@ def test_a_second_search_on_one_folder_is_refused_and_the_first_ends_as_alone(tm
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert first.stdout is not None
-    assert first.stdout.readline() == "asked\n"
-    second = command(*words, tmp_path / "run", "--resume")
-    assert first.poll() is None
-    assert second.returncode == 2
-    assert f"is in use by process {first.pid} on" in second.stderr
-    assert first.wait(120) == 0
+    with first:
+        assert first.stdout is not None
+        assert first.stdout.readline() == "asked\n"
+        second = command(*words, tmp_path / "run", "--resume")
+        assert first.poll() is None
+        assert second.returncode == 2
+        assert f"is in use by process {first.pid} on" in second.stderr
+        assert first.wait(120) == 0
     alone, shared = (
         pq.read_table(tmp_path / name / "results.parquet").drop_columns("seconds") for name in ("alone", "run")
     )
