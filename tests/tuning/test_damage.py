@@ -125,7 +125,8 @@ def rename_a_column(path):
 
 
 def shorten(path):
-    pq.write_table(pq.read_table(path).slice(0, 2), path)
+    table = pq.read_table(path)
+    pq.write_table(table.slice(0, table.num_rows - 1), path)
 
 
 def change_a_type(path):
@@ -582,7 +583,7 @@ def test_damage_of_every_kind_from_the_shell(tmp_path):
         for part in range(1, written.count(score) + 1):
             at = len(score.join(written.split(score)[:part]))
             path.write_bytes(written[:at] + bytes([written[at] ^ 1]) + written[at + 1 :])
-            if not pq.read_table(path).equals(whole):
+            if pq.read_table(path)["msrep"] != whole["msrep"]:
                 return
         raise AssertionError("no byte of a score was found")
 
