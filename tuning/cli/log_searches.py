@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tuning.cli.following import Words, words
 from tuning.cli.options import emit, table
+from tuning.errors import printable
 
 
 def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: bool, quiet: bool) -> None:
@@ -40,7 +41,7 @@ def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: boo
 
     def text() -> str:
         parts = {"training": tuned.train, "held out": tuned.held_out, "whole log": tuned.whole}
-        lines = [f"note: {note}" for note in search.table.notes]
+        lines = [f"note: {printable(note)}" for note in search.table.notes]
         lines.append(table(["number", "tuned"], list(tuned.values.items())))
         lines.append(f"{loaded.tune.objective}: {tuned.before:.4g} % before, {tuned.objective:.4g} % tuned")
         if loaded.tune.objective == "agreement":

@@ -128,7 +128,7 @@ def estimate(
 
     Where the recording has a column true_stiffness, the answer is scored against it.
     """
-    from tuning.errors import input_error
+    from tuning.errors import input_error, printable
     from tuning.logs.files import table_suffix
     from tuning.logs.reading import read_recording
     from tuning.study import Config, load_config
@@ -175,7 +175,7 @@ def estimate(
         {"estimate": output, "picture": picture, "report": page, "notes": list(table.notes), **answer.summary},
         as_json=as_json,
         quiet=quiet,
-        text=lambda: "\n".join([*(f"note: {note}" for note in table.notes), *answer.sentences, wrote]),
+        text=lambda: "\n".join([*(f"note: {printable(note)}" for note in table.notes), *answer.sentences, wrote]),
         following=lambda: _after_estimate(output, config, settings, page, known=answer.summary["final_known"]),
     )
     return 1 if strict and answer.summary["faults"] else 0

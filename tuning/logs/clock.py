@@ -21,8 +21,9 @@ GAP = 5.0
 _SLOWEST_PLAUSIBLE_STEP = 1.0
 """In seconds; a joint sampled more slowly is more likely a wrong clock unit."""
 _MOST_SAMPLES = 20_000_000
-_SET = 3600.0
-"""In seconds; a clock that jumps by more, and by a hundred times what the rest of the log lasts, was set."""
+_SET = 3590.0
+"""In seconds; a clock that jumps by as much, and by ten times what the rest of the log lasts, was set."""
+_TIMES_THE_REST = 10.0
 _MANY = 0.1
 """Share of the samples that have the stamp of the one before, from which stamps have lost their digits."""
 _SAME = 1e-3
@@ -241,7 +242,10 @@ def _why_equal(column: str, clock: Clock, stamps: np.ndarray, readings: Mapping[
             if column.endswith("header.stamp")
             else "another column"
         )
-        return f"{column!r} is {stamps[0]} in every sample: its clock never ran; set clock.column to {other}"
+        never = f"{column!r} is {stamps[0]} in every sample: its clock never ran; set clock.column to {other}"
+        # As a float of 32 bits has it, or six digits.
+        lost = ", or its stamps have lost their digits: then clock.nominal_step replaces them"
+        return never + (lost if stamps[0] else "")
     first = int(np.argmax(stamps != stamps[0]))
     if first > 1 and _was_set(float(stamps[first] - stamps[0]), stamps[first:], clock):
         return (
@@ -262,7 +266,7 @@ def _why_equal(column: str, clock: Clock, stamps: np.ndarray, readings: Mapping[
 
 def _was_set(jump: float, rest: np.ndarray, clock: Clock) -> bool:
     scale = PER_SECOND[clock.unit or "s"]
-    return jump > scale * _SET and jump > 100.0 * abs(float(rest[-1] - rest[0]))
+    return jump > scale * _SET and jump > _TIMES_THE_REST * abs(float(rest[-1] - rest[0]))
 
 
 def find_jumps(log: LogFile, clock: Clock, stamps: np.ndarray, rows: np.ndarray, time: np.ndarray) -> list[Fault]:
@@ -278,7 +282,7 @@ def find_jumps(log: LogFile, clock: Clock, stamps: np.ndarray, rows: np.ndarray,
     steps = np.diff(time)
     large = np.flatnonzero(steps > _SET)
     lasting = float(steps.sum() - steps[large].sum())
-    large = large[steps[large] > 100.0 * lasting]
+    large = large[steps[large] > _TIMES_THE_REST * lasting]
     if not large.size:
         return []
     last = int(large[-1])
@@ -291,7 +295,7 @@ def find_jumps(log: LogFile, clock: Clock, stamps: np.ndarray, rows: np.ndarray,
     )
     is_text = log.holds_dates(column_in(log, clock.column)) or clock.nanoseconds is not None
     value = f'"{_date(after)}"' if is_text else f"{after}"
-    fix = f"Was it set there? Take the part after it: clock.not_before = {value} in the signal map"
+    fix = f"Was it set there, or are these two recordings? Take the part after it: clock.not_before = {value}"
     return [Fault("clock set", "time", said, fix)]
 
 

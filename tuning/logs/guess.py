@@ -160,6 +160,7 @@ def propose(path: Path) -> Proposal:
     mapped = {clock[0], nanoseconds, *(guess.column for guess in guesses)}
     select = _guess_selection(stream, clock[0])
     others = tuple(n for n in log.names if n and n not in mapped)
+    notes += _unsaid_of_bag(log)
     keys = {key: value for one in log.streams for key, value in one.keys.items()}
     return Proposal(kind, clock, tuple(guesses), select, lacking, others, tuple(notes), keys, nanoseconds)
 
@@ -182,6 +183,20 @@ def _numbers(stream: LogFile, notes: list[str]) -> dict[str, np.ndarray]:
 def _plain(name: str) -> str:
     """Return a name with its units and indices apart, for patterns."""
     return re.sub(r"[^a-z0-9°]+", "_", name.lower()).strip("_")
+
+
+def _unsaid_of_bag(log: Log) -> list[str]:
+    """Return notes on topics that could not be read, and on those of several publishers."""
+    notes = [
+        f"topic {topic} is not read: neither the bag nor this program has the definition of {kind}"
+        for topic, kind in log.unread.items()
+    ]
+    for stream in log.streams:
+        if stream.publisher is not None:
+            writers = sorted(set(stream.column(stream.publisher).to_pylist()))
+            told = " or ".join(f'"{stream.publisher}" = {_quoted(writer)}' for writer in writers)
+            notes.append(f"several publishers on one topic, told apart in [select] where it matters: {told}")
+    return notes
 
 
 def _spoken(name: str) -> str:

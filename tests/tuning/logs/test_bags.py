@@ -137,6 +137,7 @@ def test_two_publishers_on_a_topic_are_told_apart_by_what_is_mapped_or_by_select
     with pytest.raises(InputError, match=r"2 publishers with .*position\[link\]") as caught:
         read(bag, clock="received", torque="/ft/data")
     fix = caught.value.mistakes[0].fix
+    assert any("several publishers" in note for note in propose(bag).notes)
     assert '"/joint_states/publisher" = "motor link; position effort"' in fix
     select = '[select]\n"/joint_states/publisher" = "motor link; position effort"'
     holds(read(bag, clock="received", torque="/ft/data", select=select))
@@ -179,6 +180,7 @@ def test_a_type_without_a_definition_is_named(tmp_path, as_file):
     without_definition(bag, b"sensor_msgs/msg/JointState", b"my_msgs/msg/JointStateOurs")
     with pytest.raises(InputError, match=r"topic /joint_states is there, but .* definition of my_msgs/msg/Joint"):
         read(next(bag.glob("*.db3")) if as_file else bag)
+    assert any("topic /joint_states is not read" in note for note in propose(bag).notes)
 
 
 def test_a_folder_without_metadata_is_read_file_by_file_and_said(tmp_path):
