@@ -89,6 +89,25 @@ def unit_of(objective: str) -> str:
     return {"log_energy": "", "settling_time": " s"}.get(objective, " %")
 
 
+def unit_of_metric(metric: str) -> str:
+    """Return the unit of any metric as it follows a number, with its space; nothing where it has none."""
+    units = {
+        "mse": " (N·m/rad)²",
+        "mse_settled": " (N·m/rad)²",
+        "convergence_time": " s",
+        "known_time": " s",
+        "decay_rate": " /s",
+        "residual": " rad",
+        "peak": " rad",
+        "switches": " /s",
+        "travel": " ranges/s",
+        "msrep": " %",
+        "msrep_settled": " %",
+        "settling_time": " s",
+    }
+    return units.get(metric, "")
+
+
 def interval(values: np.ndarray, statistic: Statistic, *, seed: int) -> tuple[float, float]:
     """Return the 95 % bootstrap interval of a statistic; NaN where the values do not scatter.
 

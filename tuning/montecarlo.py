@@ -22,6 +22,7 @@ import scipy
 from tuning.control_problem import AnyProblem, problem_of
 from tuning.executors import Executor, complete
 from tuning.problem import Outcome, Scenario, draw_scenarios, stream_key
+from tuning.remedies import TARGET
 from tuning.robustness import Columns, Summary, quantile, summarise
 from tuning.store import RunStore, columns_of, open_run, read_table
 from tuning.study import Study, numeric_paths
@@ -144,6 +145,7 @@ def run_population(
     rows: int = 0,
     precision: float | None = None,
     worst: int = 5,
+    target: float = TARGET,
     resume: bool = False,
     quiet: bool = False,
 ) -> Summary:
@@ -157,6 +159,7 @@ def run_population(
         precision: stop after the chunks, in order, from which the interval of the objective's 95 % quantile lies
             within this share of it.
         worst: cases to list.
+        target: share of the robots that may fail.
         resume: go on with what the folder holds.
         quiet: draw no progress.
     """
@@ -176,7 +179,8 @@ def run_population(
         beside = planned.open(inner, resume=resume and inner.exists())
         design = columns_of(read_table(complete(beside, executor, f"design {planned.size}", quiet=quiet)))
     study, factors = population.study, population.factors
-    return summarise(columns, design, study.population, factors, objective, worst, seed=study.seed)
+    options = {"seed": study.seed, "numbers": numeric_paths(study), "target": target}
+    return summarise(columns, design, study.population, factors, objective, worst, **options)
 
 
 def _is_precise(columns: Columns, objective: str, precision: float) -> bool:

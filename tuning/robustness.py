@@ -11,16 +11,17 @@ import operator
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy
 
-from tuning.judging import unit_of
+from tuning.judging import unit_of, unit_of_metric
 from tuning.population import METRICS, Population, parse_failure
 from tuning.problem import Status
+from tuning.remedies import TARGET, Remedy, advise, find_remedy
 from tuning.seal import seal_tables
 from tuning.store import write_text
 
@@ -74,6 +75,8 @@ class Summary:
         unexplained: scenarios of the design whose objective was not finite or not positive.
         worst: numbers of the scenarios with the largest objective, worst first.
         sentences: the same for people.
+        remedies: what would bring each failure down to the share that may fail; none of those that are there.
+        advice: the same for people, line by line.
     """
 
     scenarios: int
@@ -85,6 +88,8 @@ class Summary:
     unexplained: int
     worst: list[int]
     sentences: list[str]
+    remedies: list[Remedy] = field(default_factory=list)
+    advice: list[str] = field(default_factory=list)
 
     def as_tables(self) -> dict[str, Any]:
         """Return the summary as nested tables."""
@@ -184,6 +189,8 @@ def summarise(
     worst: int,
     *,
     seed: int = 0,
+    numbers: Mapping[str, float] | None = None,
+    target: float = TARGET,
 ) -> Summary:
     """Summarise a Monte Carlo run.
 
@@ -195,6 +202,8 @@ def summarise(
         objective: the metric that correlations, influences and the worst cases are about.
         worst: how many of the worst to list.
         seed: of what is resampled.
+        numbers: the study's own, by path.
+        target: share of the robots that may fail.
     """
     status = columns["status"]
     counted = status == Status.OK
@@ -221,7 +230,31 @@ def summarise(
         worst=[int(columns["scenario"][i]) for i in order],
         sentences=[],
     )
-    return Summary(**{**summary.__dict__, "sentences": _sentences(summary, population, objective)})
+    remedies, advice = _remedies(columns, population, numbers or {}, target)
+    sentences = _sentences(summary, population, objective)
+    return replace(summary, sentences=sentences, remedies=remedies, advice=advice)
+
+
+def _remedies(
+    columns: Columns, population: Population, numbers: Mapping[str, float], target: float
+) -> tuple[list[Remedy], list[str]]:
+    """Return what would bring the failures down to the target, and the same for people."""
+    remedies, lines = [], []
+    varied = {path: columns[path] for path in population.paths}
+    for name, text in population.failures.items():
+        found = find_remedy(name, has_failed(columns, name, text), varied, target)
+        if found is not None:
+            remedies.append(found)
+            lines += advise(found, define(name, text), numbers)
+    if population.failures and not remedies:
+        lines.append(f"nothing: of no failure more than {100.0 * target:.3g} % of the robots have it")
+    return remedies, lines
+
+
+def define(name: str, text: str) -> str:
+    """Return a failure's definition with the unit of its metric."""
+    metric, comparison, limit = parse_failure(name, text)
+    return f"{metric} {comparison} {limit:g}{unit_of_metric(metric)}"
 
 
 def _correlation(numbers: np.ndarray, scores: np.ndarray) -> Interval:
@@ -243,7 +276,8 @@ def _sentences(summary: Summary, population: Population, objective: str) -> list
         f"{median.high:.4g}], 95 % of them below {high.value:.4g}{unit} [{high.low:.4g}, {high.high:.4g}]"
     )
     found += [
-        f"{name} ({population.failures[name]}): {100 * p.value:.3g} % fail [{100 * p.low:.3g}, {100 * p.high:.3g}]"
+        f"{name} ({define(name, population.failures[name])}): {100 * p.value:.3g} % fail "
+        f"[{100 * p.low:.3g}, {100 * p.high:.3g}] %"
         for name, p in summary.failures.items()
     ]
     lost = {reason: n for reason, n in summary.status.items() if reason != Status.OK.reason}
@@ -253,16 +287,15 @@ def _sentences(summary: Summary, population: Population, objective: str) -> list
         for name, influence in ranked:
             first, total = influence.first, influence.total
             if total.low > _MATTERS:
-                alone = f"{100 * first.value:.0f} % by itself [{100 * first.low:.0f}, {100 * first.high:.0f}]"
                 found.append(
-                    f"{name} matters: of the variance of log10 {objective} {alone}, "
-                    f"{100 * total.value:.0f} % with interactions [{100 * total.low:.0f}, {100 * total.high:.0f}]"
+                    f"{name} matters: of the variance of log10 {objective} {_share(first)} by itself, "
+                    f"{_share(total)} with interactions"
                 )
         small = [name for name, influence in ranked if influence.total.high < _MATTERS]
         if small:
             found.append(f"below {100 * _MATTERS:.0f} % each, with interactions: {', '.join(small)}")
         open_ones = [
-            f"{name} ({100 * i.total.low:.0f} to {100 * i.total.high:.0f} %)"
+            f"{name} ({_share(i.total)})"
             for name, i in ranked
             if not (i.total.low > _MATTERS or i.total.high < _MATTERS)
         ]
@@ -271,6 +304,12 @@ def _sentences(summary: Summary, population: Population, objective: str) -> list
     if summary.unexplained:
         found.append(f"{summary.unexplained} scenarios of the design had no score and count as the worst that had")
     return found
+
+
+def _share(index: Interval) -> str:
+    """Return a share of a variance; estimates of a small one may come out below 0, or above all of it."""
+    value, low, high = (100.0 * min(max(x, 0.0), 1.0) for x in (index.value, index.low, index.high))
+    return f"{value:.0f} % [{low:.0f}, {high:.0f}]"
 
 
 def write_summary(summary: Summary, path: Path) -> None:

@@ -28,7 +28,7 @@ from tuning.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from tuning.robustness import Summary
+    from tuning.robustness import Interval, Summary
 
 
 @click.command(epilog="Example: vsajax montecarlo serial-population.toml -o runs/population --scenarios 20000")
@@ -47,6 +47,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="Rows of a design for Sobol indices, a power of two; each costs factors + 3 scenarios.",
 )
+@click.option(
+    "--target",
+    type=click.FloatRange(min=0.0, max=1.0, min_open=True, max_open=True),
+    default=0.05,
+    show_default=True,
+    help="Share of the robots that may fail: what to do is said about failures beyond it.",
+)
 @click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="Worst cases to list.")
 @click.option("--dry-run", is_flag=True, help="Time one chunk; print chunks, memory and time; write nothing.")
 @with_executor
@@ -61,6 +68,7 @@ def montecarlo(
     scenarios: int,
     precision: float | None,
     sensitivity: int,
+    target: float,
     worst: int,
     dry_run: bool,
     executor: str | None,
@@ -86,7 +94,7 @@ def montecarlo(
         from tuning.cli.arms import run_arm_accuracy
 
         spread = ("executor", "workers", "scheduler", "wait")
-        own = ("precision", "sensitivity", "worst", "dry_run", "resume")
+        own = ("precision", "sensitivity", "target", "worst", "dry_run", "resume")
         refuse_given("does not go with a study of an arm", *own, *spread)
         return run_arm_accuracy(study, folder, scenarios, settings, seed, as_json, quiet)
     loaded = load_study(study, with_seed(settings, seed), unused=["sweep"])
@@ -94,7 +102,7 @@ def montecarlo(
         below = 1 << (sensitivity.bit_length() - 1)
         raise input_error("--sensitivity", f"got {sensitivity}", f"allowed: powers of two, e.g. {below}")
     if dry_run:
-        refuse_given("does not go with --dry-run, which scores nothing", "resume", "worst", "precision")
+        refuse_given("does not go with --dry-run, which scores nothing", "resume", "worst", "target", "precision")
     from tuning.limits import require
     from tuning.needs import of_base, of_design, of_population, require_drawable
     from tuning.runtime import start_jax
@@ -134,6 +142,7 @@ def montecarlo(
         rows=sensitivity,
         precision=precision,
         worst=worst,
+        target=target,
         resume=resume,
         quiet=quiet,
     )
@@ -148,19 +157,41 @@ def montecarlo(
     )
 
 
+def _bracketed(unit: str) -> str:
+    return f" [{unit.strip()}]" if unit else ""
+
+
+def _quantile(q: Interval) -> str:
+    """Return a quantile with its interval; a time that never comes is infinite."""
+    finite = [end for end in (q.low, q.high) if abs(end) < float("inf")]
+    ends = f" [{_number(q.low)}, {_number(q.high)}]" if finite and q.low != q.high else ""
+    return f"{_number(q.value)}{ends}"
+
+
+def _number(value: float) -> str:
+    if value != value:
+        return "–"
+    return f"{value:.4g}" if abs(value) != float("inf") else "never"
+
+
 def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures: list[Any]) -> str:
+    from tuning.judging import unit_of_metric
+
     levels = list(next(iter(summary.quantiles.values())))
     rows = [
-        [metric, *(f"{q.value:.4g} [{q.low:.4g}, {q.high:.4g}]" for q in quantiles.values())]
+        [f"{metric}{_bracketed(unit_of_metric(metric))}", *map(_quantile, quantiles.values())]
         for metric, quantiles in summary.quantiles.items()
         if metric in {"msrep", "msrep_settled", "mse_settled", "convergence_time", "known_time", "coverage"}
         or metric in {"settling_time", "log_energy", "residual", "switches"}
+        if any(q.value == q.value for q in quantiles.values())
     ]
     lines = [
         f"{summary.scenarios} robots; quantiles with their 95 % intervals:",
         table(["metric", *(f"{100 * level:g} %" for level in levels)], rows),
         *summary.sentences,
     ]
+    if summary.advice:
+        lines += ["what to do:", *(f"  {line}" for line in summary.advice)]
     if summary.worst:
         numbers = ", ".join(map(str, summary.worst))
         lines.append(

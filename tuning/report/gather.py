@@ -22,7 +22,7 @@ from tuning.problem import Status, Stream
 from tuning.robustness import Columns, Influence, Interval, Summary, summarise
 from tuning.seal import SEALED, breaks_seal
 from tuning.store import columns_of, is_file, read_manifest, read_results, read_table
-from tuning.study import Study, load_config, load_study, parse_study, study_hash
+from tuning.study import Study, load_config, load_study, numeric_paths, parse_study, study_hash
 from tuning.sweep import GridSweep, Value, rank
 
 COMMANDS = ("montecarlo", "sweep", "tune", "compare", "contest")
@@ -102,7 +102,16 @@ class FinishedRun:
         design = columns_of(read_results(beside)) if (beside / "results.parquet").exists() else None
         factors = MonteCarlo(self.study, self.columns["status"].size).factors
         study, objective = self.study, self.objective
-        return summarise(self.columns, design, study.population, factors, objective, _WORST, seed=study.seed)
+        return summarise(
+            self.columns,
+            design,
+            study.population,
+            factors,
+            objective,
+            _WORST,
+            seed=study.seed,
+            numbers=numeric_paths(study),
+        )
 
     @cached_property
     def axes(self) -> dict[str, list[Value]]:
@@ -291,6 +300,7 @@ def _read_summary(path: Path, *, needs_seal: bool) -> Summary:
         return Summary(
             **tables
             | {
+                "remedies": [],
                 "quantiles": {
                     metric: {float(level): interval(q) for level, q in levels.items()}
                     for metric, levels in tables["quantiles"].items()

@@ -37,8 +37,19 @@ def describe_population(run: FinishedRun) -> Parts:
         headline=" ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in sentences),
         pictures=_population_pictures(run),
         tables=[table for table in found if table.rows],
-        findings=[one for one in rest if one not in failing],
+        findings=[*(one for one in rest if one not in failing), *_what_to_do(summary.advice)],
     )
+
+
+def _what_to_do(advice: list[str]) -> list[str]:
+    """Return the advice on each failure as one finding."""
+    found: list[str] = []
+    for line in advice:
+        if line.startswith(" ") and found:
+            found[-1] += f"; {line.strip()}"
+        else:
+            found.append(f"What to do: {line}")
+    return found
 
 
 def _population_pictures(run: FinishedRun) -> Iterator[Picture]:
