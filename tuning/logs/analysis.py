@@ -16,6 +16,7 @@ from tuning.logs.positions import gear_factor
 from tuning.logs.reading import RecordingTable
 from tuning.logs.torques import (
     Assumptions,
+    find_coarse,
     find_delay,
     find_lag,
     find_negative_loop,
@@ -143,21 +144,35 @@ class Analysis:
         return said
 
     @property
+    def is_coarse(self) -> bool:
+        """Whether the deflection has too few counts for loops and bends to be told from its rounding."""
+        return any(fault.name == "coarse deflection" for fault in self.faults)
+
+    @property
+    def is_early(self) -> bool:
+        """Whether a late deflection would explain the loop as well as hysteresis does."""
+        return any(fault.name == "early torque" for fault in self.faults)
+
+    @property
     def causes(self) -> tuple[str, ...]:
         """Why one stiffness does not describe the log, in words; empty where it does, or a fault may be why."""
         line = self.characteristic
-        if line is None or self.is_faulty:
+        if line is None or self.is_faulty or self.is_coarse:
             return ()
-        if not self.given.is_measured and "hysteresis" in line.causes:
+        if "hysteresis" in line.causes and self.is_early:
+            return ("loading and unloading differ",)
+        if "hysteresis" in line.causes and not self.given.is_measured:
             return ("loading and unloading differ, by friction of the motor or hysteresis",)
         return line.causes
 
     def _describe(self, line: Characteristic) -> str:
         without = f" without {self.excluded} of the samples" if self.excluded else ""
         share = f"a line explains {100 * line.r_squared:.4g} % of the torque's variance{without}"
-        if self.excluded and line.is_line:
+        # Samples left out by their torque, as those beyond its range, bias the line.
+        is_chosen = any(fault.name == "saturated signal" for fault in self.faults)
+        if self.excluded and line.is_line and not is_chosen:
             share += f", {line.stiffness:.6g} N·m/rad"
-        if self.is_faulty:
+        if self.is_faulty or self.is_coarse:
             return share
         span = 2.0 * max((level.amplitude for level in line.levels), default=0.0)
         if self.given.is_measured and abs(line.shift) > _MOVES * span:
@@ -170,11 +185,10 @@ class Analysis:
         if not line.causes:
             left = fit(curve_of(self.deflection), self.torque)
             if is_smooth(left):
-                return (
-                    f"{share}. What is left is neither a curve nor a loop, nor noise: the torque has another cause"
-                )
-            return f"{share}. What is left is neither a curve nor a loop: it looks like noise"
-        return f"ONE STIFFNESS DOES NOT DESCRIBE THIS LOG: {share}. {_name_causes(line, self.given)}"
+                return f"{share}. What is left is no noise, but neither a curve nor a loop explains it"
+            return f"{share}. What is left looks like noise"
+        causes = _name_causes(line, self.given, is_early=self.is_early)
+        return f"ONE STIFFNESS DOES NOT DESCRIBE THIS LOG: {share}. {causes}"
 
 
 def fault_sentences(faults: Iterable[Fault]) -> list[str]:
@@ -226,6 +240,7 @@ def analyse(
             attenuation = rest.deflection_std**2 / float(np.var(bent))
         if not any(fault.severity == "fault" for fault in faults):
             faults += _judge_curve(time[sound], bent, twisted, setpoint, line, given)
+            faults += find_coarse(bent if unlagged is None else unlagged[sound])
             if unlagged is not None:
                 faults += find_lag(unlagged[sound], bent, twisted, setpoint, given)
     mapped = table.signal_map.signals.motor_position
@@ -328,7 +343,7 @@ def leaves_floor(torque: np.ndarray, floor: NoiseFloor) -> np.ndarray:
     return np.maximum.accumulate(np.abs(torque - floor.bias)) > 2.0 * floor.limit
 
 
-def _name_causes(line: Characteristic, given: Assumptions) -> str:
+def _name_causes(line: Characteristic, given: Assumptions, *, is_early: bool) -> str:
     found = ", ".join(line.causes).upper()
     if "hysteresis" not in line.causes:
         seen = [level for level in line.levels if math.isfinite(level.tangent)]
@@ -338,6 +353,8 @@ def _name_causes(line: Characteristic, given: Assumptions) -> str:
             f"to {far.tangent:.4g} at {far.amplitude:.3g} rad"
         )
     loop = f"a loop {line.width:.3g} N·m wide, loss factor {line.loss_factor:.2g}"
+    if is_early:
+        return f"LOADING AND UNLOADING DIFFER, {loop}: see the note on the early torque"
     if given.is_measured:
         said = f"{found}, {loop}"
     else:

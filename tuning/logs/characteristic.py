@@ -273,6 +273,10 @@ def _swings(path: _Path) -> tuple[Swing, ...]:
         x, y = x[order], y[order]
         if np.ptp(x) < half:
             continue
+        far = np.abs(x - x[0]) > 0.5 * half / _LEVELS
+        if not far.any():
+            continue
+        y, x = np.append(y[0], y[far]), np.append(x[0], x[far])
         amplitude = 0.5 * np.abs(x - x[0])[1:]
         level = np.minimum((amplitude / half * _LEVELS).astype(int), _LEVELS - 1)
         secant = (y - y[0])[1:] / (x - x[0])[1:]

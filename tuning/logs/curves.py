@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -53,6 +53,33 @@ def is_smooth(values: np.ndarray) -> bool:
     """Return whether values follow each other too closely for noise."""
     spread = float(np.var(values))
     return spread > 0.0 and float(np.mean(np.diff(values) ** 2)) < spread
+
+
+def white_share(values: np.ndarray) -> float:
+    """Return the share of a signal's variance that is white noise, by its third differences."""
+    spread = float(np.var(values))
+    return float(np.mean(np.diff(values, 3) ** 2)) / 20.0 / spread if spread > 0.0 and values.size > 3 else 0.0
+
+
+def explains(before: float, after: float, noise: float, *, least: float) -> bool:
+    """Return whether a cause explains most of what a curve left of a torque beside its noise.
+
+    Args:
+        before: share of the variance that was left without it.
+        after: with it.
+        noise: share that is noise, which nothing explains.
+        least: share of `before`, less the noise, that may be left.
+    """
+    # What is won must also be seen beside the noise.
+    return after - noise < least * (before - noise) and before - after > 0.05 * before
+
+
+def least_of(cost: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a cost is least between two bounds with one minimum between them, by golden section."""
+    for _ in range(30):
+        one, two = low + 0.381966 * (high - low), high - 0.381966 * (high - low)
+        low, high = (low, two) if cost(one) < cost(two) else (one, high)
+    return 0.5 * (low + high)
 
 
 def thinned(*columns: np.ndarray) -> list[np.ndarray]:

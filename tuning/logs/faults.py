@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from tuning.logs.curves import left_over, powers
 from tuning.logs.files import LogFile
 from tuning.logs.findings import Fault, FaultName
 from tuning.logs.signal_map import Angle, SignalMap
@@ -172,7 +174,7 @@ def _disagreements(columns: Mapping[str, np.ndarray]) -> list[Fault]:
     found = []
     if {"link_position", "motor_position"} <= columns.keys():
         link, motor = columns["link_position"], columns["motor_position"]
-        found += _compare("motor_position", motor, "link_position", link)
+        found += _weigh(_compare("motor_position", motor, "link_position", link), columns)
         if "deflection" in columns:
             found += _compare("deflection", columns["deflection"], "link minus motor position", link - motor)
     for number in (1, 2):
@@ -182,6 +184,28 @@ def _disagreements(columns: Mapping[str, np.ndarray]) -> list[Fault]:
             pairs = _compare(name, columns[name], "link_position", columns["link_position"])
             found += [fault for fault in pairs if fault.name != "swapped sign"]
     return found
+
+
+def _weigh(found: list[Fault], columns: Mapping[str, np.ndarray]) -> list[Fault]:
+    """Return what is found of motor and link where nothing that shows the deflection speaks against it.
+
+    Above its resonance a link swings against its motor, and near it by a multiple: without a deflection or a
+    torque that is a note.
+    """
+    link, motor = columns["link_position"], columns["motor_position"]
+    shown = columns.get("deflection", columns.get("elastic_torque"))
+    weighed = []
+    for fault in found:
+        if fault.name == "degrees for radians":
+            weighed.append(fault)
+        elif shown is None or not np.ptp(shown) > 0.0:
+            weighed.append(replace(fault, severity="note"))
+        else:
+            sign = -1.0 if fault.name == "swapped sign" else 1.0
+            mended = sign * motor * (float(np.std(link) / np.std(motor)) if sign > 0.0 else 1.0)
+            own, other = (left_over(powers(link - angle, 3), shown) for angle in (motor, mended))
+            weighed += [fault] if other < 0.5 * own else []
+    return weighed
 
 
 def _compare(name: str, values: np.ndarray, other: str, reference: np.ndarray) -> list[Fault]:

@@ -21,6 +21,7 @@ FaultName = Literal[
     "clock set",
     "coarse clock",
     "rigid drive",
+    "coarse deflection",
     "spikes",
     "zeroed signal",
     "saturated signal",

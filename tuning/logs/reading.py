@@ -139,7 +139,7 @@ def read_recording(
     readings = own | {name: signal.values for name, signal in foreign.items()}
     faults += find_units(signal_map, readings, columns)
     columns = _drive(time, columns, signal_map)
-    faults += _judge_signals(time, columns, samples, signal_map, faults)
+    faults = _judge_signals(time, columns, samples, signal_map, faults)
     if signal_map.clock.sample_time is not None:
         time, columns, said = on_regular_clock(time, columns, signal_map.clock, blame)
         notes += said
@@ -163,13 +163,14 @@ def _judge_signals(
     signal_map: SignalMap,
     faults: Sequence[Fault],
 ) -> list[Fault]:
-    """Return what signals say of each other where no fault found before would speak for them."""
-    if any(fault.name == "out of range" for fault in faults):
-        return []
+    """Return the faults with what signals say of each other, where no other fault would speak for them."""
     sound = is_sound(time, faults)
-    if np.count_nonzero(sound) < FEWEST_SAMPLES:
-        return []
+    if any(fault.name == "out of range" for fault in faults) or np.count_nonzero(sound) < FEWEST_SAMPLES:
+        return list(faults)
     found = find_held(time, columns, samples)
+    held = {fault.signal for fault in found}
+    # Who was held jumps when it is let go.
+    faults = [fault for fault in faults if not (fault.name == "wrapped encoder" and fault.signal in held)]
     sound &= is_sound(time, found)
     known = {fault.name for fault in (*faults, *found)}
     trusted = {name: values[sound] for name, values in columns.items()}
@@ -177,7 +178,7 @@ def _judge_signals(
         found += find_rigid(signal_map, trusted)
         if not known & {"degrees for radians", "wrong unit", "swapped sign"}:
             found += find_gear(signal_map, trusted)
-    return found
+    return [*faults, *found]
 
 
 def read_series(path: Path, column: str) -> tuple[np.ndarray, np.ndarray]:

@@ -24,6 +24,10 @@ _HELD = 20
 """Equal readings one after the other from which a signal may be held."""
 _CUT_OFF = 5
 """The same for readings at the end of its range."""
+_AT_END = 10
+"""Readings at an end of the range from which it is cut off, where others are never alike."""
+_ALIKE = 0.9
+"""Share of different readings from which they are never alike."""
 _FEWEST_BESIDE = 50
 _NOISY = 0.7
 """Standard deviation of second differences over that of first ones, from which a signal is noisy: √3 is white."""
@@ -32,7 +36,11 @@ _CONTRADICTS = 4.0
 _MATTERS = 0.05
 """The least such contradiction, as a share of the torque's standard deviation."""
 _MOVES = 0.02
+"""Share of its range by which another signal moves while one is held."""
 
+_NO_NOISE = "its noise is gone there, though the joint moves"
+_AT_ITS_END = "its readings are else never alike"
+_NO_CURVE = "torque and deflection do not go together there as they do elsewhere"
 _CUT = "Cut these samples out of the file; its clock may be irregular"
 
 
@@ -53,7 +61,8 @@ def find_spikes(samples: Samples, signal: Angle | Torque | Stiffness) -> list[Fa
         steps = np.abs(np.diff(values))
         low, high = np.quantile(values, [0.005, 0.995])
         quantum = float(steps[steps > 0.0].min(initial=math.inf))
-        candidate = size > max(_LEAST_SPIKE * (high - low), 4.0 * quantum if quantum < math.inf else 0.0)
+        usual = 3.0 * float(np.quantile(size, 1.0 - _RAREST))
+        candidate = size > max(_LEAST_SPIKE * (high - low), usual, 4.0 * quantum if quantum < math.inf else 0.0)
     if not candidate.any() or np.count_nonzero(candidate) > max(3.0, _RAREST * values.size):
         return []
     starts = np.flatnonzero(np.diff(candidate.astype(int), prepend=0) == 1)
@@ -116,22 +125,58 @@ def find_held(time: np.ndarray, columns: Mapping[str, np.ndarray], samples: Mapp
         columns: signals at these instants, in SI.
         samples: the same where their file has them.
     """
-    found = []
+    candidates: dict[str, list[tuple[int, int]]] = {}
     for name, values in columns.items():
         if name.startswith(("true_", "setpoint")) or not np.ptp(values) > 0.0:
             continue
         runs = _equal_runs(values)
         others = [x for other, x in columns.items() if other != name and not other.startswith("true_")]
         runs = [(a, b) for a, b in runs if any(np.ptp(x[a : b + 1]) > _MOVES * np.ptp(x) for x in others)]
-        if not runs:
-            continue
-        held = np.zeros(values.size, dtype=bool)
-        for first, last in runs:
-            held[first : last + 1] = True
-        said = _vanished_noise(values, held) or _contradiction(name, columns, held)
-        if said:
-            found.append(_held_fault(name, values, runs, said, tuple(_stretches(time, runs, samples[name]))))
+        if runs:
+            candidates[name] = runs
+    known = {name: runs for name, runs in candidates.items() if _has_lost_noise(columns[name], runs)}
+    found = [_held_fault(samples[name], time, columns[name], runs, _NO_NOISE) for name, runs in known.items()]
+    for name, values in columns.items():
+        # A motor's command may well be limited.
+        is_sensor = not name.startswith(("true_", "setpoint")) and not name.endswith("motor_torque")
+        if name not in known and is_sensor and (runs := _cut_off(values)):
+            known[name] = runs
+            found.append(_held_fault(samples[name], time, values, runs, _AT_ITS_END))
+    # What contradicts the spring where another signal is held says nothing of this one.
+    explained = _within(time.size, [run for runs in known.values() for run in runs])
+    others = [name for name in candidates if name not in known]
+    for name in sorted(others, key=lambda name: -max(last - first for first, last in candidates[name])):
+        runs = [(a, b) for a, b in candidates[name] if not explained[a : b + 1].any()]
+        runs = _contradicting(name, columns, explained | _within(time.size, runs), runs)
+        if runs:
+            found.append(_held_fault(samples[name], time, columns[name], runs, _NO_CURVE))
+            explained |= _within(time.size, runs)
     return found
+
+
+def _cut_off(values: np.ndarray) -> list[tuple[int, int]]:
+    """Return the stretches at an end of the range where readings that else are never alike are equal."""
+    found: list[tuple[int, int]] = []
+    for end in (values.min(), values.max()):
+        there = values == end
+        beside = values[(values > values.min()) & (values < values.max())]
+        if np.count_nonzero(there) < _AT_END or beside.size < _FEWEST_BESIDE:
+            continue
+        if np.unique(beside).size > _ALIKE * beside.size:
+            places = np.flatnonzero(there)
+            breaks = np.flatnonzero(np.diff(places) > _CUT_OFF)
+            first, last = places[np.append(0, breaks + 1)], places[np.append(breaks, places.size - 1)]
+            found += zip(first.tolist(), last.tolist(), strict=True)
+    # Once, as at rest before a motion to one side, it may be so.
+    return sorted(found) if len(found) > 1 else []
+
+
+def _within(size: int, runs: list[tuple[int, int]]) -> np.ndarray:
+    """Return which of so many samples lie in one of the runs."""
+    inside = np.zeros(size, dtype=bool)
+    for first, last in runs:
+        inside[first : last + 1] = True
+    return inside
 
 
 def _equal_runs(values: np.ndarray) -> list[tuple[int, int]]:
@@ -147,35 +192,38 @@ def _equal_runs(values: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(first[long], last[long], strict=True)]
 
 
-def _vanished_noise(values: np.ndarray, held: np.ndarray) -> str | None:
+def _has_lost_noise(values: np.ndarray, runs: list[tuple[int, int]]) -> bool:
+    """Return whether a signal is too noisy for runs of equal readings."""
+    held = _within(values.size, runs)
     beside = ~held
     beside[1:] &= ~held[:-1]
     chosen = values[beside]
     if chosen.size < _FEWEST_BESIDE:
-        return None
+        return False
     steps = np.diff(chosen)
     spread = float(np.std(steps))
-    if np.mean(steps == 0.0) > 0.02 or not spread > 0.0 or float(np.std(np.diff(chosen, 2))) < _NOISY * spread:
-        return None
-    return "its noise is gone there, though the joint moves"
+    is_continuous = spread > 0.0 and float(np.mean(steps == 0.0)) < 0.02
+    return is_continuous and float(np.std(np.diff(chosen, 2))) > _NOISY * spread
 
 
-def _contradiction(name: str, columns: Mapping[str, np.ndarray], held: np.ndarray) -> str | None:
+def _contradicting(
+    name: str, columns: Mapping[str, np.ndarray], held: np.ndarray, runs: list[tuple[int, int]]
+) -> list[tuple[int, int]]:
+    """Return the runs in which torque and deflection contradict the curve of what lies beside all runs."""
     torque = columns.get("elastic_torque")
     deflection = columns.get("deflection")
     if deflection is None and {"link_position", "motor_position"} <= columns.keys():
         deflection = columns["link_position"] - columns["motor_position"]
     elif name in ("link_position", "motor_position"):
-        return None
+        return []
     beside = ~held
     if torque is None or deflection is None or np.count_nonzero(beside) < max(_FEWEST_BESIDE, 0.1 * held.size):
-        return None
+        return []
     setpoint = columns.get("setpoint_position")
     left = fit(curve_of(deflection, setpoint, order=3), torque, beside)
-    outside, inside = (float(np.sqrt(np.mean(left[at] ** 2))) for at in (beside, held))
-    if inside > _CONTRADICTS * outside and inside > _MATTERS * float(np.std(torque[beside])):
-        return "torque and deflection do not go together there as they do elsewhere"
-    return None
+    outside = float(np.sqrt(np.mean(left[beside] ** 2)))
+    limit = max(_CONTRADICTS * outside, _MATTERS * float(np.std(torque[beside])))
+    return [(a, b) for a, b in runs if float(np.sqrt(np.mean(left[a : b + 1] ** 2))) > limit]
 
 
 def _stretches(time: np.ndarray, runs: list[tuple[int, int]], samples: Samples) -> list[Stretch]:
@@ -184,8 +232,9 @@ def _stretches(time: np.ndarray, runs: list[tuple[int, int]], samples: Samples) 
 
 
 def _held_fault(
-    name: str, values: np.ndarray, runs: list[tuple[int, int]], why: str, where: tuple[Stretch, ...]
+    samples: Samples, time: np.ndarray, values: np.ndarray, runs: list[tuple[int, int]], why: str
 ) -> Fault:
+    name, where = samples.name, tuple(_stretches(time, runs, samples))
     low, high = float(values.min()), float(values.max())
     levels = {float(values[first]) for first, _ in runs}
     share = sum(last - first + 1 for first, last in runs) / values.size

@@ -8,7 +8,17 @@ from typing import Literal
 
 import numpy as np
 
-from tuning.logs.curves import curve_of, fit, is_smooth, left_over, powers, thinned
+from tuning.logs.curves import (
+    curve_of,
+    explains,
+    fit,
+    is_smooth,
+    least_of,
+    left_over,
+    powers,
+    thinned,
+    white_share,
+)
 from tuning.logs.findings import Fault
 from tuning.logs.signal_map import SignalMap
 from tuning.parts.estimators import (
@@ -24,7 +34,7 @@ _OPPOSITE = -0.9
 """Correlation from which a torque falls as the deflection rises; a weaker one may have any cause."""
 _LONGEST_DELAY = 0.25
 """In seconds, and at most a twentieth of the log."""
-_DELAYS = 40
+_DELAYS = 24
 _EXPLAINS = 0.3
 """What a cause leaves of what was unexplained, at most."""
 _VISIBLE = 2e-4
@@ -33,7 +43,11 @@ _HARMFUL = 1e-3
 _FEWEST = 100
 _OFFSET = 0.02
 """Share of the torque's range from which an offset counts."""
+_CURVE = 0.05
+"""Share of the torque's variance that a curve leaves at most once the delay is undone."""
 _UNRELATED = 0.5
+_FEWEST_COUNTS = 40
+"""Levels of the deflection up to which its rounding is seen in what a curve leaves."""
 _WRONG_WAY = -0.02
 """Loss factor below which a loop is said to turn the wrong way."""
 
@@ -149,12 +163,10 @@ def find_delay(
     at = int(np.argmin(shares))
     if at in (0, tried.size - 1):
         return []
-    low, high = float(tried[at - 1]), float(tried[at + 1])
-    for _ in range(18):
-        one, two = low + 0.382 * (high - low), low + 0.618 * (high - low)
-        low, high = (low, two) if left(one) < left(two) else (one, high)
-    best = 0.5 * (low + high)
-    if abs(best) < step or not left(best) < _EXPLAINS * now:
+    best = least_of(left, float(tried[at - 1]), float(tried[at + 1]))
+    # Who is shifted far enough goes with anything that swings: it must also be a curve then.
+    is_curve = left(best) < _CURVE
+    if abs(best) < step or not is_curve or not explains(now, left(best), white_share(wanted), least=_EXPLAINS):
         return []
     others = " or wrong numbers of the motor in estimator.torque" if not given.is_measured else ""
     said = f"the deflection by {1e3 * abs(best):.3g} ms: so shifted, a curve leaves {100 * left(best):.2g} % of it"
@@ -166,7 +178,7 @@ def find_delay(
         )
         return [Fault("late torque", "torque", said, fix, "fault" if now > _HARMFUL else "note")]
     said = f"comes before {said}"
-    fix = f"The deflection is late (a filter, a bus, another stamp), or the spring has damping{others}"
+    fix = f"The deflection is late (a filter, a bus, another stamp), or the spring has damping or friction{others}"
     return [Fault("early torque", "torque", said, fix, "note")]
 
 
@@ -262,6 +274,22 @@ def find_unrelated(
         return [Fault("unrelated torque", "torque", said, fix)]
     fix = "Do the estimator's inertia, damping, friction and gear ratio fit this motor, and its torque this joint?"
     return [Fault("unrelated torque", "torque", said, fix, "note")]
+
+
+def find_coarse(deflection: np.ndarray) -> list[Fault]:
+    """Return the note on a deflection of so few counts that their rounding is seen in every loop and bend.
+
+    Args:
+        deflection: as the fit has it [rad].
+    """
+    span = float(np.ptp(deflection))
+    # Differences of two encoders of one count round to its multiples but for the last digits.
+    levels = np.unique(np.round(deflection / span, 9)).size if span > 0.0 else 0
+    if not 1 < levels <= _FEWEST_COUNTS:
+        return []
+    said = f"moves by {levels - 1} counts of {1e3 * span / (levels - 1):.3g} mrad in all"
+    fix = "Its rounding alone can make loops and bends: excite the joint more, or measure it more finely"
+    return [Fault("coarse deflection", "deflection", said, fix, "note")]
 
 
 def find_negative_loop(loss_factor: float, branches: float, given: Assumptions) -> list[Fault]:
