@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python; do \
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo test test-all lint format bench bench-check clean
+.PHONY: demo test test-all lint format bench bench-check export-figures clean
 .DELETE_ON_ERROR:
 
 $(READY): pyproject.toml constraints.txt
@@ -48,6 +48,10 @@ bench: $(READY)
 
 bench-check: $(READY)
 	$(BIN)/vsajax bench --check --repeats 5
+
+# The figures of docs/exports.md, measured here.
+export-figures: $(READY)
+	$(BIN)/python -m tuning.exports.deviations docs/exports.md
 
 clean:
 	rm -rf .venv runs

@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 import tomlkit
 from pydantic import Field, model_validator
 
@@ -591,6 +592,28 @@ def observers_of(estimator: Part, path: str) -> Iterator[tuple[str, AlgebraicObs
         yield from observers_of(estimator.side, f"{path}.side")
         if estimator.other is not None:
             yield from observers_of(estimator.other, f"{path}.other")
+
+
+def require_regular_clock(config: Config, time: np.ndarray, source: str) -> None:
+    """Refuse times that do not tick as an algebraic observer's moving window needs.
+
+    Args:
+        config: with the estimator.
+        time: of the samples [s].
+        source: where they come from, for errors.
+
+    Raises:
+        InputError: a step differs from the observer's sample time by more than a hundredth.
+    """
+    steps = np.diff(time)
+    for path, observer in observers_of(config.estimator, "estimator"):
+        if np.max(np.abs(steps - observer.sample_time), initial=0.0) > 0.01 * observer.sample_time:
+            raise input_error(
+                f"{source}: time",
+                f"steps by {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms, but {path} (algebraic) needs a "
+                f"sample every {1e3 * observer.sample_time:.4g} ms, its sample_time",
+                f'set clock.resample = "linear", clock.sample_time = {observer.sample_time:g} in the signal map',
+            )
 
 
 def check_path(path: str, where: str, numbers: Mapping[str, object]) -> list[Mistake]:

@@ -131,7 +131,7 @@ def estimate(
     from tuning.errors import input_error, printable
     from tuning.logs.files import table_suffix
     from tuning.logs.reading import read_recording
-    from tuning.study import Config, load_config
+    from tuning.study import Config, load_config, require_regular_clock
 
     chosen = {}
     for choice in select:
@@ -151,7 +151,7 @@ def estimate(
     require(of_fit(loaded.estimator, str(config)))
     table = read_recording(recording, map_path, kind=loaded.kind, select=chosen or None)
     _require_signals(loaded, table)
-    _require_regular_clock(loaded, table)
+    require_regular_clock(loaded, table.columns["time"], table.source)
     from tuning.runtime import start_jax
 
     require(of_fit(loaded.estimator, str(config), samples=len(table.columns["time"])))
@@ -201,21 +201,3 @@ def _require_signals(config: Config, table: RecordingTable) -> None:
         raise InputError(
             *(Mistake(place, "is missing, but the estimator needs this signal", fix) for place in places)
         )
-
-
-def _require_regular_clock(config: Config, table: RecordingTable) -> None:
-    """Refuse a recording whose clock does not tick as an algebraic observer's moving window needs."""
-    import numpy as np
-
-    from tuning.errors import input_error
-    from tuning.study import observers_of
-
-    steps = np.diff(table.columns["time"])
-    for path, observer in observers_of(config.estimator, "estimator"):
-        if np.max(np.abs(steps - observer.sample_time)) > 0.01 * observer.sample_time:
-            raise input_error(
-                f"{table.source}: time",
-                f"steps by {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms, but {path} (algebraic) needs a "
-                f"sample every {1e3 * observer.sample_time:.4g} ms, its sample_time",
-                f'set clock.resample = "linear", clock.sample_time = {observer.sample_time:g} in the signal map',
-            )

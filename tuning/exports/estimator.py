@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path as File
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +17,14 @@ from tuning.parts.estimators import AlgebraicObserver
 from tuning.resources import example_path
 from tuning.schema import read_toml
 from tuning.single import simulate_recording
-from tuning.study import Config, EstimationStudy, observers_of, parse_study, resolved
+from tuning.study import (
+    Config,
+    EstimationStudy,
+    observers_of,
+    parse_study,
+    require_regular_clock,
+    resolved,
+)
 from vsajax import Sample
 from vsajax.estimators import AbstractEstimator
 
@@ -79,6 +87,12 @@ class DeployableEstimator(Deployable):
         """Return the signals of a study's own joint, or of the example joint where there is none."""
         study = self._study(seconds)
         return simulate_recording(study, 0)[0], f"simulated from {study.name!r}, scenario 0"
+
+    def record(self, path: File) -> tuple[dict[str, np.ndarray], str]:
+        """Return `time` and the signals of the user's recording; one that is irregular is refused by a window."""
+        columns, source = super().record(path)
+        require_regular_clock(self.config, columns["time"], source)
+        return columns, source
 
     def _study(self, seconds: float) -> EstimationStudy:
         if isinstance(self.config, EstimationStudy):

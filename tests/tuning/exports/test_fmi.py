@@ -10,20 +10,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from tests.tuning.builders import ANTAGONISTIC
+from tests.tuning.exports.families import FAMILIES, subject
 from tests.tuning.exports.native import needs_compiler
-from tuning.exports.export import export_config
-from tuning.resources import CONFIGS
+from tuning.exports.export import write_export
 
 fmpy = pytest.importorskip("fmpy")
 simulation = pytest.importorskip("fmpy.simulation")
 
 pytestmark = [needs_compiler, pytest.mark.contract]
 
-CASES = {
-    "controller": (CONFIGS / "studies" / "damping.toml", ()),
-    "window": (ANTAGONISTIC, ("estimator.side.window=0.02", "estimator.side.longest_window=0.02")),
-}
+CASES = {"controller": "damping", "window": "algebraic"}
 STEP = 1e-3
 ERROR = 3
 
@@ -40,10 +36,8 @@ def files(version, tmp_path_factory, request):
     found = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(request.config.rootpath))
-        for name, (config, settings) in CASES.items():
-            done = export_config(
-                config, f"fmi{version}", folder / name, settings=settings, seconds=0.03, thorough=True
-            )
+        for name, family in CASES.items():
+            done = write_export(subject(family), f"fmi{version}", FAMILIES[family][0], folder / name)
             assert done.ok, done.results
             found[name] = done.written[0]
     return found

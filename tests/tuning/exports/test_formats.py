@@ -210,6 +210,21 @@ def test_a_recording_of_the_users_own_must_have_the_signals(vsajax, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.cli
+@pytest.mark.failure
+def test_an_irregular_recording_is_none_for_what_counts_samples(vsajax, tmp_path):
+    log = tmp_path / "log.csv"
+    names = ["link_position", *(f"motor{i}_{what}" for what in ("position", "torque") for i in (1, 2))]
+    rows = [f"{time}," + ",".join(["0.1"] * len(names)) for time in (0.0, 0.001, 0.002, 0.004)]
+    log.write_text("\n".join([",".join(["time", *names]), *rows]) + "\n")
+    ended = vsajax("export", ANTAGONISTIC, "--to", "fmi2", "-o", tmp_path / "out", *WINDOW, "--recording", log)
+    assert (ended.code, ended.out) == (2, "")
+    assert (
+        "log.csv: time: steps by 1 to 2 ms, but estimator.side (algebraic) needs a sample every 1 ms" in ended.err
+    )
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_schema_refuses_what_the_study_file_refuses(tmp_path):
     jsonschema = pytest.importorskip("jsonschema")
     config = load_config(SEA_SENSOR)
