@@ -86,7 +86,7 @@ def pretend(words: tuple[str, ...]) -> None:
         assert kind is not LOG_STUDY
         load = load_arm_study if kind is ARM_STUDY else load_study
         (output / "best.toml").write_text(to_toml(resolved(load(given["study"], given["settings"]))))
-    elif name == "export" and output is not None:
+    elif name in {"export", "stiffness", "workspace", "poses"} and output is not None:
         output.mkdir(parents=True, exist_ok=True)
 
 
