@@ -105,7 +105,7 @@ class Deployable(ABC):
     def limits(self, paths: list[Path]) -> Limits:
         """Return where the parameters at some paths may lie; an order of what is frozen is kept by itself."""
         orders = tuple(one for one in self.orders if {one.lower, one.upper} <= set(paths))
-        return Limits(tuple(map(self.range, paths)), orders)
+        return Limits(tuple(self.range(path).practical for path in paths), orders)
 
     @cached_property
     def module(self) -> Any:

@@ -22,14 +22,20 @@ from vsajax.control import ArmController, ArmReading
 _RATE = 100.0
 """Cycles a second of the golden recording; the step knows no time."""
 _DRAWS = 4096
-_POSITIVE = Range(0.0, None, True, False)
+_UNIT, _METRES, _STIFFNESS = Range(-1.0 - 1e-9, 1.0 + 1e-9), Range(-1e3, 1e3), Range(1e-6, 1e9)
+"""Entries of directions and rotations, as rounding leaves them; places of joints; stiffnesses."""
 _RANGES = {
-    "bounds": _POSITIVE,
-    "length": _POSITIVE,
-    "max_active_stiffness": _POSITIVE,
-    "motor_inertia": _POSITIVE,
-    "posture_stiffness": Range(0.0),
-    "damping_ratio": Range(0.0),
+    "offsets": _METRES,
+    "rotations": _UNIT,
+    "axes": _UNIT,
+    "tool_offset": _METRES,
+    "tool_rotation": _UNIT,
+    "bounds": _STIFFNESS,
+    "length": Range(1e-6, 1e3),
+    "max_active_stiffness": _STIFFNESS,
+    "motor_inertia": Range(1e-9, 1e6),
+    "posture_stiffness": Range(0.0, 1e9),
+    "damping_ratio": Range(0.0, 1e6),
 }
 
 

@@ -51,8 +51,8 @@ def parameters_of(subject: Subject) -> list[dict[str, Any]]:
     """Return every tunable number with its default, unit and range."""
     program = subject.program
     rows = []
-    for (path, leaf), value in zip(program.parameters.places, program.defaults, strict=True):
-        limits = subject.deployable.range(path)
+    places = zip(program.parameters.places, program.defaults, program.limits.ranges, strict=True)
+    for (path, leaf), value, limits in places:
         rows.append(
             {
                 "name": dotted(path),

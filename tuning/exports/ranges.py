@@ -12,6 +12,9 @@ from tuning.exports.layout import Path
 from tuning.parts.base import Part
 from tuning.parts.estimators import AlgebraicObserver
 
+LARGEST, SMALLEST = 1e15, 1e-30
+"""Largest magnitude of an exported parameter in SI units, and the smallest of one that must be positive."""
+
 
 @dataclass(frozen=True)
 class Range:
@@ -28,6 +31,15 @@ class Range:
         left = "" if self.low is None else f"{self.low:.12g} {'<' if self.is_low_open else '≤'} "
         right = "" if self.high is None else f" {'<' if self.is_high_open else '≤'} {self.high:.12g}"
         return f"{left}x{right}" if left or right else "finite"
+
+    @property
+    def practical(self) -> Range:
+        """The same within magnitudes of which powers do not overflow: what a running program takes."""
+        low, is_low_open = (-LARGEST, False) if self.low is None else (self.low, self.is_low_open)
+        if low == 0.0 and is_low_open:
+            low, is_low_open = SMALLEST, False
+        high, is_high_open = (LARGEST, False) if self.high is None else (self.high, self.is_high_open)
+        return Range(low, high, is_low_open, is_high_open)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from tuning.schema import Table
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
+Scale = Annotated[float, Field(ge=1e-6, le=1e6)]
 AtLeastOne = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(gt=0, le=1)]
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from tuning.parts.base import AtLeastOne, Fraction, NonNegative, Part, Positive
+from tuning.parts.base import AtLeastOne, Fraction, NonNegative, Part, Positive, Scale
 from tuning.parts.springs import Spring
 
 
@@ -76,7 +76,7 @@ class SeparableOddPolynomial(Part):
 
     target = "estimators.SeparableOddPolynomial"
     type: Literal["odd"]
-    deflection_scale: Positive = 1.0
+    deflection_scale: Scale = 1.0
     setpoint_origin: float = 0.0
     setpoint_scale: float = 1.0
     deflection_terms: AtLeastOne = 1
@@ -102,7 +102,7 @@ class Polynomial(Part):
 
     target = "estimators.Polynomial"
     type: Literal["polynomial"]
-    deflection_scale: Positive = 1.0
+    deflection_scale: Scale = 1.0
     order: AtLeastOne = 1
 
     @property
@@ -116,7 +116,7 @@ class Taylor(Part):
 
     target = "estimators.Taylor"
     type: Literal["taylor"]
-    deflection_scale: Positive = 1.0
+    deflection_scale: Scale = 1.0
     order: Annotated[int, Field(ge=0, le=160)] = 2  # beyond, the factorials overflow
 
     @property

@@ -233,15 +233,16 @@ class RecursiveLeastSquares(eqx.Module):
     def step(self, state: FitState, features: Vector, target: Scalar) -> tuple[FitState, Scalar]:
         """Use one sample; return (state, stability factor a).
 
-        Features whose leverage is no number, or overflows, change nothing; an innovation that overflows changes no
-        coefficient. One that is no number makes them NaN: whatever feeds the fit has diverged, and P, which the
-        torque has no say in, would go on to claim more and more.
+        Features whose leverage is no number, negative, or overflows, change nothing; an innovation that overflows
+        changes no coefficient. One that is no number makes them NaN: whatever feeds the fit has diverged, and P,
+        which the torque has no say in, would go on to claim more and more.
         """
         column = symmetric_product(state.covariance, features)
         leverage = dot(features, column)
         # Powers of a reading that is absurd but finite overflow, in single precision sooner. NaN compares false.
         # The torque must have no say in what becomes of P, so an absurd one is kept out further below.
-        is_usable = once(leverage < _OVERFLOW)
+        # Nor is one used where rounding has left of a badly scaled P nothing positive: P would grow without bound.
+        is_usable = once((leverage >= 0.0) & (leverage < _OVERFLOW))
         column = jnp.where(is_usable, column, 0.0)
         leverage = jnp.where(is_usable, leverage, 0.0)
         factor, inflation, spread = self.law(leverage)
@@ -282,7 +283,7 @@ class RecursiveLeastSquares(eqx.Module):
         Var = s² · f · directionᵀ P' direction, where s² is the innovations' variance and f = (1 + r)/(1 − r)
         accounts for their correlation r from one sample to the next: a filtered torque or hysteresis carries
         far fewer independent samples than the recording has. Infinite until there are more samples than
-        coefficients.
+        coefficients, and where rounding has left of P nothing that is positive in this direction.
         """
         column = symmetric_product(state.covariance, direction)
         spread = self._with_prior(dot(direction, column), lambda: dot(column, column)) * self.law.posterior_scale()
@@ -291,7 +292,7 @@ class RecursiveLeastSquares(eqx.Module):
         total = jnp.maximum(state.squares, jnp.finfo(spread.dtype).tiny)
         correlation = jnp.clip(state.products / total, 0.0, 0.999)
         variance = noise * spread * (1.0 + correlation) / (1.0 - correlation)
-        return jnp.where(freedom > 0.0, variance, jnp.inf)
+        return jnp.where((freedom > 0.0) & ~(spread < 0.0), variance, jnp.inf)
 
     def determined(self, state: FitState) -> Scalar:
         """Return the effective degrees of freedom d − tr(P)/κ, the trace of the ridge regression's hat matrix.

@@ -68,7 +68,7 @@ def beyond(limits: Range) -> list[float]:
             wrong += [
                 limit + away,
                 limit + 1e6 * away,
-                limit if is_open else float(np.nextafter(limit, away * 9e9)),
+                limit if is_open else float(np.nextafter(limit, away * math.inf)),
             ]
     return wrong
 

@@ -36,9 +36,13 @@ def refusals(program: StepProgram) -> Iterator[str]:
     """Yield what is wrong by the number that `NAME_check` returns, the first for 0."""
     yield "every parameter lies in its range"
     for name, limits in zip(program.parameters.names, program.limits.ranges, strict=True):
-        yield f"{name}: must be {_ascii(limits.text)}{'' if limits == Range() else ' and finite'}"
+        yield f"{name}: must be {_ascii(limits.text)}{_finite(limits)}"
     for order in program.limits.orders:
         yield f"{dotted(order.lower)}: {_ascii(told_order(order))}"
+
+
+def _finite(limits: Range) -> str:
+    return " and finite" if (limits.low is None) != (limits.high is None) else ""
 
 
 def told_order(order: Order) -> str:

@@ -128,8 +128,8 @@ def _variables(subject: Subject) -> list[dict[str, Any]]:
         one, value = Slot(program.inputs.layout, [(path, leaf)], None), np.asarray(starts[dotted(path)], float)
         rows += _rows(one, "in", "INPUT", "", start=lambda index, value=value: float(value[index]))
     rows += _rows(program.outputs, "out", "OUTPUT", "out.", start=lambda _: None)
-    for (path, leaf), value in zip(program.parameters.places, program.defaults, strict=True):
-        limits = subject.deployable.range(path)
+    places = zip(program.parameters.places, program.defaults, program.limits.ranges, strict=True)
+    for (path, leaf), value, limits in places:
         one = Slot(program.parameters.layout, [(path, leaf)], None)
         rows += _rows(
             one, "params", "PARAMETER", "", start=lambda index, value=value: float(value[index]), limits=limits
