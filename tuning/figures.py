@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from tuning.judging import unit_of
 from tuning.logs.reading import RecordingTable
@@ -23,6 +23,8 @@ TRUTH, ESTIMATE, OTHER, QUIET = "#222222", "#0072b2", "#d55e00", "#bbbbbb"
 NEAR = 1.05
 """Factor on the best score within which a configuration counts as near the best."""
 _MAP = "viridis_r"
+_TICKS = 10
+"""Of an axis of a heat map, so that their numbers do not run into each other."""
 _DASHES = ("-", "--", "-.")
 """Of curves that have run through all colours."""
 mpl.rcParams.update(
@@ -63,6 +65,29 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **o
     """Return a figure of `rows` × `columns` axes in the house style, size in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, **options)
+
+
+def make_log(axis: Axes, side: Literal["x", "y"], values: np.ndarray) -> None:
+    """Make an axis of positive values logarithmic, with ticks that name numbers and leave room between.
+
+    Args:
+        axis: of a drawing.
+        side: which of its two.
+        values: what it shows; nothing is done unless all that are finite are positive.
+    """
+    values = values[np.isfinite(values)]
+    if not values.size or not values.min() > 0.0:
+        return
+    axis.set_xscale("log") if side == "x" else axis.set_yscale("log")
+    own = axis.xaxis if side == "x" else axis.yaxis
+    low, high = float(values.min()), float(values.max())
+    if high < 5.0 * low:
+        # Too few of 1, 2 and 5 lie within: round numbers, evenly spaced.
+        own.set_major_locator(MaxNLocator(4))
+    else:
+        own.set_major_locator(LogLocator(subs=(1.0,) if high > 1e3 * low else (1.0, 2.0, 5.0), numticks=8))
+    own.set_major_formatter(FormatStrFormatter("%g"))
+    own.set_minor_formatter(NullFormatter())
 
 
 def thin(places: np.ndarray, most: int) -> np.ndarray:
@@ -220,8 +245,9 @@ def draw_sweep(
             best = np.unravel_index(np.nanargmin(plane), plane.shape)
             axis.plot(best[1] + 0.5, best[0] + 0.5, "*", color="white", markersize=11, markeredgecolor="black")
             _outline(axis, plane <= NEAR * np.nanmin(plane))
-        axis.set_xticks(np.arange(len(x)) + 0.5, [_tick(value) for value in x], rotation=60, fontsize=8)
-        axis.set_yticks(np.arange(len(y)) + 0.5, [_tick(value) for value in y], fontsize=8)
+        for values, set_ticks, turn in ((x, axis.set_xticks, 60), (y, axis.set_yticks, 0)):
+            shown = np.linspace(0, len(values) - 1, min(len(values), _TICKS)).round().astype(int)
+            set_ticks(shown + 0.5, [_tick(values[i]) for i in shown], rotation=turn, fontsize=8)
         axis.set_xlabel(paths[b])
         axis.set_ylabel(paths[a])
         axis.grid(visible=False)
@@ -236,7 +262,7 @@ def draw_sweep(
 
 
 def _tick(value: Any) -> str:
-    return f"{value:.2g}" if isinstance(value, float) else plain(str(value))
+    return f"{float(f'{value:.3g}'):g}" if isinstance(value, float) else plain(str(value))
 
 
 def _outline(axis: Axes, inside: np.ndarray) -> None:
@@ -260,14 +286,12 @@ def _draw_curve(
     figure, axis = new_figure(5.5, 3.6)
     if all(isinstance(value, float) for value in values[path]):
         axis.plot(values[path], cube.reshape(-1), "o-", color=ESTIMATE)
-        if min(values[path]) > 0:
-            axis.set_xscale("log")
+        make_log(axis, "x", np.asarray(values[path]))
     else:
         # Settings have no distances: one place each, and no line between them.
         axis.plot(np.arange(len(values[path])), cube.reshape(-1), "o", color=ESTIMATE)
         axis.set_xticks(np.arange(len(values[path])), [_tick(value) for value in values[path]])
-    if np.isfinite(cube).any():
-        axis.set_yscale("log")
+    make_log(axis, "y", cube)
     axis.set_xlabel(path)
     axis.set_ylabel(f"mean {_OBJECTIVES[objective]}")
     figure.suptitle("Sweep")

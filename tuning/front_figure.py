@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from tuning.blackbox import Trial
-from tuning.figures import ESTIMATE, QUIET, new_figure
+from tuning.figures import ESTIMATE, QUIET, make_log, new_figure
+from tuning.judging import unit_of
 
 
 def draw_front(trials: Sequence[Trial], front: Sequence[Trial], objective: str) -> Figure:
@@ -29,8 +31,11 @@ def draw_front(trials: Sequence[Trial], front: Sequence[Trial], objective: str) 
         color=ESTIMATE,
         label=f"front of {len(front)}",
     )
-    axis.set_yscale("log")
+    make_log(axis, "x", np.array([t.convergence_time for t in shown]))
+    make_log(axis, "y", np.array([t.objective for t in shown]))
     axis.set_xlabel("median convergence time [s]; never converged: the recording's duration")
-    axis.set_ylabel(f"{objective} on training scenarios [%]")
+    axis.set_ylabel(
+        f"{objective} on training scenarios" + (f" [{unit}]" if (unit := unit_of(objective).strip()) else "")
+    )
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8)
     return figure

@@ -279,6 +279,24 @@ def write_winner(sweep: GridSweep, best: Mapping[str, Any], path: Path) -> Path 
     return path
 
 
+def say_edges(axes: Mapping[str, Sequence[Any]], best: Mapping[str, Any]) -> list[str]:
+    """Return a sentence for every axis at whose end the best configuration lies: a better one may lie beyond.
+
+    Args:
+        axes: the values by path; those of a setting that is no number have no end.
+        best: the first row of a ranking.
+    """
+    said = []
+    for path, values in axes.items():
+        is_scale = len(values) > 2 and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+        if not is_scale or math.isnan(best["mean"]) or best[path] not in (min(values), max(values)):
+            continue
+        end, beyond = ("largest", "larger") if best[path] == max(values) else ("smallest", "smaller")
+        value = f"{best[path]:.6g}"
+        said.append(f"the best lies on the grid's edge: {path} = {value} is its {end}; add {beyond} values")
+    return said
+
+
 def rank(table: pa.Table, axes: Sequence[str], score: str) -> list[dict[str, Any]]:
     """Return the configurations, best mean score first, with the mean, median and 90 % quantile over scenarios.
 

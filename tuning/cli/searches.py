@@ -98,7 +98,7 @@ def sweep(
     base = [*of_base(loaded, str(study)), *of_structures(loaded, str(study))]
     require(*base, asked, *needs_of_workers(executor, workers))
     start_jax()
-    from tuning.sweep import plan_sweep, rank, write_winner
+    from tuning.sweep import plan_sweep, rank, say_edges, write_winner
 
     planned = plan_sweep(loaded, str(study))
     if dry_run:
@@ -116,14 +116,16 @@ def sweep(
     picture = save(draw_sweep(rows, planned.axes, objective), folder / "figures" / "sweep.png")
     best = write_winner(planned, rows[0], folder / "best.toml")
     told = {"run": folder, "results": folder / "results.parquet", "picture": picture}
+    edges = say_edges(planned.axes, rows[0])
     emit(
-        told | {"winner": best, "best": rows[:10]},
+        told | {"winner": best, "best": rows[:10], "edges": edges},
         as_json=as_json,
         quiet=quiet,
         text=lambda: "\n".join(
             [
                 f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective}:",
                 table(list(rows[0]), [list(row.values()) for row in rows[:5]]),
+                *(f"WARNING: {edge}" for edge in edges),
                 f"wrote {'' if best is None else f'{best}, '}{folder / 'results.parquet'} and {picture}",
             ]
         ),

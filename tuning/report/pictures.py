@@ -12,7 +12,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter
 
-from tuning.figures import ESTIMATE, NEAR, OTHER, QUIET, SWING_UNITS, TRUTH, new_figure, plain
+from tuning.figures import ESTIMATE, NEAR, OTHER, QUIET, SWING_UNITS, TRUTH, make_log, new_figure, plain
 from tuning.population_figures import Rows
 from tuning.report.replay import Replay
 
@@ -168,11 +168,8 @@ def draw_front(accuracy: np.ndarray, time: np.ndarray, label: str) -> Figure:
     )
     axis.plot(time[chosen], accuracy[chosen], "o", color=ESTIMATE, markersize=5, label="Pareto front")
     axis.step(time[chosen], accuracy[chosen], where="pre", color=ESTIMATE)
-    for values, scale in ((time, axis.set_xscale), (accuracy, axis.set_yscale)):
-        if finite.any() and values[finite].min() > 0 and values[finite].max() > 10 * values[finite].min():
-            scale("log")
-    if axis.get_xscale() == "log":
-        _name_ticks(axis)
+    make_log(axis, "x", time[finite])
+    make_log(axis, "y", accuracy[finite])
     axis.set_xlabel("median convergence time [s]")
     axis.set_ylabel(label)
     axis.legend(loc="upper right", fontsize=8)

@@ -27,6 +27,7 @@ from tuning.report.elements import (
 from tuning.report.gather import Contestant, FinishedRun
 from tuning.report.page import Picture, number, valued
 from tuning.report.pictures import UNITS, short_paths, short_rows
+from tuning.sweep import say_edges
 
 _PAIRS = 6
 """Heat maps of a sweep with many axes."""
@@ -52,7 +53,7 @@ def describe_sweep(run: FinishedRun) -> Parts:
             title="Scores of the best configuration",
         ),
     ]
-    return Parts(headline, _sweep_pictures(run), found, [])
+    return Parts(headline, _sweep_pictures(run), found, say_edges(run.axes, best))
 
 
 def _sweep_pictures(run: FinishedRun) -> Iterator[Picture]:
