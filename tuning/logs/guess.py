@@ -39,18 +39,18 @@ _NAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("elastic_torque", (r"torque_?(ati|out|sens|meas)|elastic|effort", r"(ft|sensor|link).*torq", r"torq|tau")),
 )
 _UNITS: tuple[tuple[str, str], ...] = (
-    (r"mrad", "mrad"),
-    (r"deg|°", "deg"),
-    (r"rad\b", "rad"),
-    (r"count|ticks?|raw|enc\b", "counts"),
-    (r"revs?\b|turns?", "rev"),
-    (r"mnm\b|mn_?m", "mN.m"),
+    (r"mrads?\b", "mrad"),
+    (r"degs?\b|degrees?\b|°", "deg"),
+    (r"rads?\b|radians?\b", "rad"),
+    (r"counts?\b|cts\b|ticks?\b|raw\b|enc\b", "counts"),
+    (r"revs?\b|turns?\b", "rev"),
+    (r"mnm\b|mn_?m\b", "mN.m"),
     (r"ncm\b", "N.cm"),
     (r"nm\b|n_?m\b", "N.m"),
-    (r"\bma\b|milliamp", "mA"),
-    (r"\ba\b|amp|current", "A"),
-    (r"\bmv\b", "mV"),
-    (r"\bv\b|volt|\bvm\b", "V"),
+    (r"ma\b|milliamps?\b", "mA"),
+    (r"a\b|amps?\b|amperes?\b|currents?\b", "A"),
+    (r"mv\b|millivolts?\b", "mV"),
+    (r"v\b|volts?\b|voltages?\b|vm\b", "V"),
 )
 _ANGLES, _ELECTRICAL = ("rad", "mrad", "deg", "rev", "counts"), ("A", "mA", "V", "mV")
 _CLOCKS = (
@@ -229,7 +229,8 @@ def _rises(values: np.ndarray) -> bool:
 
 
 def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tuple[str, str | None, str]]:
-    named = [n for n in numbers if re.search(_TIME, _plain(n)) and _rises(numbers[n])]
+    # A timeout has the word in it too, but stands.
+    named = [n for n in numbers if re.search(_TIME, _plain(n)) and _rises(numbers[n]) and np.ptp(numbers[n])]
     rising = [n for n in numbers if _rises(numbers[n]) and np.all(np.diff(numbers[n]) > 0)]
     own = [stream.clock for stream in log.streams if stream.clock]
     pairs = [n for n in numbers if _rises(numbers[n]) and _nanoseconds_beside(n, log.of(n), numbers)]
@@ -304,7 +305,14 @@ def _guess(name: str, column: str, values: np.ndarray, log: Log, main: LogFile, 
     allowed = _ANGLES if is_angle else ("N.m", "mN.m", "N.cm", *_ELECTRICAL)
     if name == "true_stiffness":
         allowed = ("N.m/rad",)
-    named = (u for p, u in _UNITS if u in allowed and re.search(rf"(?<![a-z])(?:{_end_of_word(p)})", plain))
+    # torqueNm is torque_Nm, but torque_mNm is not torque_m_Nm.
+    spellings = (plain, _spoken(re.sub("(?<=[a-z])(?=[A-Z])", "_", column)))
+    named = (
+        unit
+        for words in spellings
+        for pattern, unit in _UNITS
+        if unit in allowed and re.search(rf"(?<![a-z])(?:{_end_of_word(pattern)})", words)
+    )
     # A count is a whole number, whatever the name says.
     is_whole = bool(np.all(values == np.round(values)))
     unit = next((u for u in named if u != "counts" or is_whole), None)

@@ -110,8 +110,8 @@ def read_recording(
     wanted = {**signal_map.select, **(select or {})}
     _require_columns(log, signal_map, wanted, blame)
     main = log.main(signal_map.clock.column, (s.column for s in signal_map.signals.given().values()))
-    signal_map = signal_map.model_copy(update={"clock": resolve_clock(main, signal_map.clock, blame, notes)})
-    clock = signal_map.clock
+    clock = resolve_clock(main, signal_map.clock, blame, notes if map_path else [])
+    signal_map = signal_map.model_copy(update={"clock": clock})
     rows = _usable_rows(log, main, signal_map, wanted, blame, notes)
     rows = rows_since(main, clock, rows, blame, notes)
     notes += _unlike_units(log, signal_map)

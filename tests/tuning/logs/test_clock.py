@@ -222,6 +222,28 @@ def test_a_matrix_that_simulink_calls_ans_has_a_clock_in_seconds(tmp_path):
     assert propose(tmp_path / "log.mat").clock[:2] == ("ans(1,:)", "s")
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("torque_amplitude", "N.m"),
+        ("torque_mNm", "mN.m"),
+        ("torqueNm", "N.m"),
+        ("torque_voltage", "V"),
+        ("torque_mA", "mA"),
+        ("degraded_link_pos", "rad"),
+        ("link_pos_raw_estimate", "rad"),
+        ("linkPosDeg", "deg"),
+        ("link_pos_turnstile", "rad"),
+    ],
+)
+def test_units_of_signals_are_words_of_their_names(tmp_path, name, unit):
+    columns = {"timeout": np.full(60, 3.0), "time": TIME, name: DEFLECTION}
+    pa.parquet.write_table(pa.table(columns), tmp_path / "log.parquet")
+    proposal = propose(tmp_path / "log.parquet")
+    assert proposal.clock[0] == "time"
+    assert [guess.unit for guess in proposal.guesses] == [unit]
+
+
 def test_what_is_counted_is_whole_whatever_the_name_says(tmp_path):
     columns = {"time": TIME, "joint_enc": DEFLECTION, "motor_counts": np.arange(60.0), "torque": TORQUE}
     pa.parquet.write_table(pa.table(columns | {"motor_pos_counts": np.arange(60)}), tmp_path / "log.parquet")
