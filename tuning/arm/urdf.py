@@ -89,6 +89,11 @@ class _Mistakes:
         line = joint.elements[tag].line if tag in joint.elements else joint.line
         self.add(line, f"joint {shown(joint.name)}", problem, fix)
 
+    @property
+    def count(self) -> int:
+        """How many there are so far."""
+        return len(self._found)
+
     def raise_any(self) -> None:
         if self._found:
             raise InputError(*sorted(self._found, key=self._found.__getitem__)[:_MOST_TOLD])
@@ -268,9 +273,12 @@ def _range(joint: JointText, mistakes: _Mistakes) -> list[float] | None:
         )
         if near:
             mistakes.of(joint, "limit", f"<limit> has no {key}, but {shown(near[0])}", f"did you mean {key}?")
+    before = mistakes.count
     low, high = (
         _numbers(joint, "limit", key, [0.0], mistakes, otherwise=endless)[0] for key in ("lower", "upper")
     )
+    if mistakes.count > before:
+        return None
     told = f"lower {low:g} and upper {high:g}" if {"lower", "upper"} <= given.keys() else ""
     if low > high:
         problem = f"<limit> has {told or f'lower {low:g} above upper {high:g}; left out, one is 0'}"

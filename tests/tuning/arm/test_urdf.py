@@ -294,6 +294,12 @@ def test_mistakes_of_a_chain_are_told_together(read):
 
 
 @pytest.mark.failure
+def test_a_mistake_is_told_once(read):
+    told = refusal(read, WHOLE.replace(LIMIT, 'lower="nan" upper="0"'))
+    assert told.count("<limit>") == 1
+
+
+@pytest.mark.failure
 def test_a_file_that_is_not_there_or_too_large_is_named(tmp_path, monkeypatch):
     (tmp_path / "robot.urdf").write_text(WHOLE)
     for name, said in (("robo.urdf", "did you mean robot.urdf?"), (".", "is a folder"), ("a\0b", "no such file")):
