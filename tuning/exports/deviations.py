@@ -62,7 +62,8 @@ def row(
     single = next(one for one in results["c99"] if one["name"] == "single precision")["figures"]
     reals = {key: value for key, value in single["deviation"].items() if key not in single["differing"]}
     last = {key: single["final_deviation"][key] for key in reals if single["final_deviation"][key] is not None}
-    return (*cells, _worst(rounding), f"{_worst(reals)}; at the end {_worst(last)}")
+    lost = "".join(f"; {key} not finite" for key in single["not_finite"])
+    return (*cells, _worst(rounding), f"{_worst(reals)}; at the end {_worst(last)}{lost}")
 
 
 def _worst(deviation: Mapping[str, float]) -> str:
