@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
-from vsajax import rollout
+from vsajax import rollout, showing
 from vsajax.control import AbstractController, SwingObserver
 from vsajax.numerics import safe_sqrt
 from vsajax.plants import SwitchedPlant, SwitchedState
@@ -73,6 +73,18 @@ class SwingMotion(NamedTuple):
     stiffness: Vectors
     motor_positions: Vectors
     commanded: Vectors
+
+    def _repr_html_(self) -> str:
+        """Return what it holds as a table, for notebooks."""
+        return showing.to_html(self)
+
+    def to_pandas(self) -> Any:
+        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
+        return showing.to_pandas(self)
+
+    def plot(self, *, time: Any = None) -> Any:
+        """Return a matplotlib figure of it over time [s]; see `vsajax.showing.plot`."""
+        return showing.plot(self, time=time)
 
 
 class Exchange(NamedTuple):

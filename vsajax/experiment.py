@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key
 
-from vsajax import guard, plants, rollout, sensitivity
+from vsajax import guard, plants, rollout, sensitivity, showing
 from vsajax.estimators import AbstractEstimator, StiffnessEstimator
 from vsajax.estimators.lag import LagState, lagged, start_lag
 from vsajax.metrics import Scorer, Scores, ScoreState
@@ -42,6 +42,18 @@ class Truth(NamedTuple):
 
     time: Series
     motion: Any
+
+    def _repr_html_(self) -> str:
+        """Return what it holds as a table, for notebooks."""
+        return showing.to_html(self)
+
+    def to_pandas(self) -> Any:
+        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
+        return showing.to_pandas(self)
+
+    def plot(self, *, time: Any = None) -> Any:
+        """Return a matplotlib figure of it over time [s]; see `vsajax.showing.plot`."""
+        return showing.plot(self, time=time)
 
 
 def simulate(bench: Bench, *, key: Key[Array, ""], substeps: int) -> Truth:

@@ -5,12 +5,13 @@ MSE and MSREP are (35) and (36) of Flacco et al., IROS 2011, as printed: sums ov
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from vsajax import showing
 from vsajax.numerics import once, safe_divide
 from vsajax.types import Estimate, Scalar, as_leaf
 
@@ -44,6 +45,14 @@ class Scores(NamedTuple):
     known_share: Float[Array, "..."]
     near_zero_share: Float[Array, "..."]
     diverged: Float[Array, "..."]
+
+    def _repr_html_(self) -> str:
+        """Return what it holds as a table, for notebooks."""
+        return showing.to_html(self)
+
+    def to_pandas(self) -> Any:
+        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
+        return showing.to_pandas(self)
 
 
 class ScoreState(NamedTuple):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from vsajax import showing
 from vsajax.types import Scalar, as_leaf
 
 
@@ -40,6 +41,14 @@ class SwingScores(NamedTuple):
     def convergence_time(self) -> Float[Array, "..."]:
         """Return the settling time: what other scores call it."""
         return self.settling_time
+
+    def _repr_html_(self) -> str:
+        """Return what it holds as a table, for notebooks."""
+        return showing.to_html(self)
+
+    def to_pandas(self) -> Any:
+        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
+        return showing.to_pandas(self)
 
 
 class Swept(NamedTuple):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
+
+from vsajax import showing
 
 Scalar = Float[Array, ""]
 RunningSum = Scalar
@@ -123,6 +125,18 @@ class Recording(NamedTuple):
         """Return the names of the signals that are not `None`."""
         return frozenset(name for name, value in self._asdict().items() if value is not None)
 
+    def _repr_html_(self) -> str:
+        """Return what it holds as a table, for notebooks."""
+        return showing.to_html(self)
+
+    def to_pandas(self) -> Any:
+        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
+        return showing.to_pandas(self)
+
+    def plot(self, *, time: Any = None) -> Any:
+        """Return a matplotlib figure of it over time [s]; see `vsajax.showing.plot`."""
+        return showing.plot(self, time=time)
+
 
 class Signals(NamedTuple):
     """What an estimator worked with at one instant, for plots and diagnosis.
@@ -166,6 +180,18 @@ class Estimate(NamedTuple):
     sides: tuple[Estimate, ...] = ()
     held: Bool[Array, "..."] | None = None
     skipped: Int[Array, "..."] | None = None
+
+    def _repr_html_(self) -> str:
+        """Return what it holds as a table, for notebooks."""
+        return showing.to_html(self)
+
+    def to_pandas(self) -> Any:
+        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
+        return showing.to_pandas(self)
+
+    def plot(self, *, time: Any = None) -> Any:
+        """Return a matplotlib figure of it over time [s]; see `vsajax.showing.plot`."""
+        return showing.plot(self, time=time)
 
 
 class Swing(NamedTuple):

@@ -82,3 +82,17 @@ def test_a_command_line_that_is_not_understood_ends_with_2(words, said, vsajax):
     ended = vsajax(*words)
     assert (ended.code, ended.out) == (2, "")
     assert said in ended.err
+
+
+@pytest.mark.cli
+def test_the_shell_completes_commands_and_options_as_documented(monkeypatch, capsys):
+    from tuning.cli.main import run
+
+    for typed, wanted in (("vsajax sw", "sweep"), ("vsajax sweep --sc", "--scenarios")):
+        monkeypatch.setenv("_VSAJAX_COMPLETE", "bash_complete")
+        monkeypatch.setenv("COMP_WORDS", typed)
+        monkeypatch.setenv("COMP_CWORD", str(len(typed.split()) - 1))
+        with pytest.raises(SystemExit) as ended:
+            run([])
+        assert ended.value.code == 0
+        assert f"plain,{wanted}" in capsys.readouterr().out.splitlines()
