@@ -280,7 +280,8 @@ def find_jumps(log: LogFile, clock: Clock, stamps: np.ndarray, rows: np.ndarray,
         time: the same [s].
     """
     steps = np.diff(time)
-    large = np.flatnonzero(steps > _SET)
+    # Where every step is long, it is the unit that is wrong.
+    large = np.flatnonzero(steps > _SET) if np.median(steps) <= _SLOWEST_PLAUSIBLE_STEP else np.arange(0)
     lasting = float(steps.sum() - steps[large].sum())
     large = large[steps[large] > _TIMES_THE_REST * lasting]
     if not large.size:

@@ -236,6 +236,13 @@ def _guess_clock(log: Log, numbers: dict[str, np.ndarray]) -> tuple[LogFile, tup
     pairs = [n for n in numbers if _rises(numbers[n]) and _nanoseconds_beside(n, log.of(n), numbers)]
     candidates = own or named or pairs or rising
     if not candidates:
+        standing = next((n for n in numbers if re.search(_TIME, _plain(n)) and not np.ptp(numbers[n])), None)
+        if standing is not None and numbers[standing].size > 1:
+            raise input_error(
+                log.path,
+                f"has no column that rises as a clock: {standing!r} is {numbers[standing][0]} in every sample",
+                "if its stamps have lost their digits, write a signal map by hand, with clock.nominal_step",
+            )
         raise input_error(
             log.path,
             f"has no column that rises as a clock does; its columns: {', '.join(map(printable, log.names))}",

@@ -217,6 +217,17 @@ def test_a_unit_in_a_name_is_a_word_and_makes_a_plausible_step(tmp_path, name, s
     assert "contradict" in reason or name != "time_ns" or unit == "ns"
 
 
+@pytest.mark.failure
+def test_a_clock_that_stands_is_named_and_days_between_samples_are_no_clock_that_was_set(tmp_path):
+    columns = {"deflection": DEFLECTION, "torque": TORQUE}
+    pa.parquet.write_table(pa.table({"time_s": np.full(60, 1.7e9), **columns}), tmp_path / "log.parquet")
+    with pytest.raises(InputError, match=r"'time_s' is 1700000000\.0 in every sample(?s:.*)clock\.nominal_step"):
+        propose(tmp_path / "log.parquet")
+    table = read(tmp_path, pa.array(range(60), pa.date32()), "")
+    assert not any(fault.name == "clock set" for fault in table.faults)
+    assert any("is long for a joint" in note for note in table.notes)
+
+
 def test_a_matrix_that_simulink_calls_ans_has_a_clock_in_seconds(tmp_path):
     savemat(tmp_path / "log.mat", {"ans": np.stack([TIME, DEFLECTION, TORQUE])})
     assert propose(tmp_path / "log.mat").clock[:2] == ("ans(1,:)", "s")
