@@ -32,11 +32,11 @@ def readme_of(
         orders=[(dotted(one.lower), "<" if one.is_strict else "≤", dotted(one.upper)) for one in limits.orders],
         usage=artefact.usage,
         number=number,
-        single=next((row for row in map(_single_precision, results) if row), None),
+        single=next((row for row in map(told_of_single_precision, results) if row), None),
     )
 
 
-def _single_precision(result: dict[str, Any]) -> dict[str, Any] | None:
+def told_of_single_precision(result: dict[str, Any]) -> dict[str, Any] | None:
     """Return what the check of single precision found, output by output; `None` of any other."""
     figures = result.get("figures", {})
     if "not_finite" not in figures or "differing" not in figures:

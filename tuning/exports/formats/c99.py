@@ -36,8 +36,8 @@ before, and `{name}_init` takes those that were exported; both return what `{nam
 `-D{NAME}_SINGLE` compiles for single precision. Do not compile with `-ffast-math`, which `{name}.c` refuses.
 Products must not be fused with sums, as gcc does by default on Cortex-M4F, M7 and wherever there is an FMA:
 `{name}.c` forbids it to GCC, clang and MSVC by itself; for other compilers set `-ffp-contract=off` or its like.
-Every public name and every file begins with `{name}`: two exports of one study in one program need two names
-(`--name` of `vsajax export`).
+Every public name begins with `{name}`, as do header and source: two exports of one study in one program need
+two names (`--name` of `vsajax export`).
 
 Without Python, `make check`, `make sanitize`, `make time`, `make cortex-m4` and `make cortex-m7` do what
 `check.py` does."""
