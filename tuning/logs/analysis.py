@@ -360,7 +360,8 @@ def _name_causes(line: Characteristic, given: Assumptions, *, is_early: bool) ->
     else:
         said = (
             f"LOADING AND UNLOADING DIFFER, {loop}: errors of the motor's model (friction, damping, inertia in "
-            "estimator.torque) make such a loop as well as hysteresis of the spring; motor data alone do not tell"
+            "estimator.torque, its velocity) make such a loop as well as hysteresis of the spring; motor data "
+            "alone do not tell"
         )
     if line.swings:
         first, last = line.swings[0], line.swings[-1]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tuning.logs.curves import curve_of, fit
+from tuning.logs.curves import curve_of, fit, white_share
 from tuning.logs.findings import Fault, FaultName, Samples, Stretch, name_stretches
 from tuning.logs.signal_map import Angle, Stiffness, Torque
 
@@ -28,6 +28,8 @@ _AT_END = 10
 """Readings at an end of the range from which it is cut off, where others are never alike."""
 _ALIKE = 0.9
 """Share of different readings from which they are never alike."""
+_QUANTA = 3.0
+"""Counts by which readings scatter at least that are never alike."""
 _FEWEST_BESIDE = 50
 _NOISY = 0.7
 """Standard deviation of second differences over that of first ones, from which a signal is noisy: √3 is white."""
@@ -162,7 +164,10 @@ def _cut_off(values: np.ndarray) -> list[tuple[int, int]]:
         beside = values[(values > values.min()) & (values < values.max())]
         if np.count_nonzero(there) < _AT_END or beside.size < _FEWEST_BESIDE:
             continue
-        if np.unique(beside).size > _ALIKE * beside.size:
+        levels = np.unique(beside)
+        scatter = float(np.sqrt(white_share(beside) * np.var(beside)))
+        # An encoder stays at a count wherever its joint turns.
+        if levels.size > _ALIKE * beside.size and scatter > _QUANTA * float(np.diff(levels).min()):
             places = np.flatnonzero(there)
             breaks = np.flatnonzero(np.diff(places) > _CUT_OFF)
             first, last = places[np.append(0, breaks + 1)], places[np.append(breaks, places.size - 1)]

@@ -14,6 +14,9 @@ from tests.tuning.logs.joints import STEP, recordings
 from tuning.logs.analysis import Analysis, analyse
 from tuning.logs.reading import read_recording
 from tuning.logs.torques import Assumptions
+from tuning.resources import CONFIGS
+from tuning.single import Answer, estimate_recording, simulate_recording
+from tuning.study import EstimationStudy, load_study
 
 Columns = dict[str, np.ndarray]
 NO_OFFSET = Assumptions(has_offset=False)
@@ -226,3 +229,67 @@ def test_a_set_point_that_moves_leaves_the_line_unsaid(clean, tmp_path):
     # Set-point motors turn as often as they like.
     assert analysis.faults == ()
     assert analysis.sentences() == []
+
+
+SEA = "estimator.gate.min_deflection_range=0.002"
+RESIDUAL = (
+    'estimator.torque={type="residual",observer_gain=100.0,motor_inertia=2e-5,motor_damping=1e-3,gear_ratio=80.0,'
+    "friction_torque=0.002}"
+)
+SIMULATED = {
+    "serial": ("serial", ()),
+    "sea": ("sea", (SEA,)),
+    "a soft spring under a heavy link": ("sea", ('joint.spring={type="linear",rate=8.0}',)),
+    "motor data": ("sea", (SEA, RESIDUAL, "estimator.matched=true")),
+}
+
+
+def _simulated(name: str, settings: tuple[str, ...], folder: Path, *, seed: int = 0, share: float = 1.0) -> Answer:
+    study = load_study(CONFIGS / "studies" / f"{name}.toml", (*settings, f"seed={seed}"))
+    assert isinstance(study, EstimationStudy)
+    columns, _ = simulate_recording(study, 0)
+    cut = {signal: values[: int(share * len(values))] for signal, values in columns.items()}
+    pq.write_table(pa.table(cut), folder / "log.parquet")
+    return estimate_recording(study, read_recording(folder / "log.parquet", kind=study.kind))
+
+
+@pytest.mark.parametrize("case", ["serial", "sea"])
+def test_a_simulated_recording_makes_no_warning(case, tmp_path):
+    said = _simulated(*SIMULATED[case], tmp_path).sentences
+    assert not [s for s in said if "WARNING" in s or "nan" in s or "HYSTERESIS" in s or "slipped" in s]
+    if case == "serial":
+        # One stiffness is not claimed where the set-point moves.
+        assert not [s for s in said if "a line explains" in s or "ONE STIFFNESS" in s]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 21))
+@pytest.mark.parametrize("case", SIMULATED)
+def test_no_simulated_recording_makes_a_warning(case, seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    name, settings = SIMULATED[case]
+    if name == "serial":
+        settings = (*settings, f"excitation.setpoint_motor.amplitude={rng.uniform(1.0, 8.0)}")
+    else:
+        settings = (
+            *settings,
+            f"joint.link.inertia={rng.uniform(0.02, 0.1)}",
+            f"joint.link.gravity={rng.uniform(0, 2)}",
+        )
+    said = _simulated(name, settings, tmp_path, seed=seed).sentences
+    assert not [s for s in said if "WARNING" in s or "nan" in s or "HYSTERESIS" in s or "slipped" in s]
+
+
+def test_a_recording_that_ends_before_scores_settle_says_so_and_never_nan(tmp_path):
+    said = " ".join(_simulated("serial", (), tmp_path, share=0.15).sentences)
+    assert "nan" not in said
+    assert "the recording ends before 2 s" in said
+
+
+def test_what_is_not_known_is_so_for_a_reason(tmp_path):
+    answer = _simulated("sea", (), tmp_path)
+    assert not answer.summary["known_share"]
+    reason = answer.summary["unknown_because"]
+    assert (
+        "the deflection moves by 11.1 mrad in all, and estimator.gate.min_deflection_range asks for 20" in reason
+    )
