@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import shutil
 import socket
 import struct
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +22,16 @@ import pytest
 from tests.tuning.builders import PRIOR, SERIAL, SMALL, TINY, edit_manifest, small_serial, tiny_tuning
 from tuning.blackbox import BlackBox, explore
 from tuning.errors import InputError
+from tuning.executors import _collected
 from tuning.inputs import hash_inputs
 from tuning.lock import lock_folder
-from tuning.report.gather import open_finished
+from tuning.report.gather import load_best, open_finished
 from tuning.seal import SEALED, Digest
-from tuning.store import RunStore, open_run, read_manifest, read_results
-from tuning.study import hash_resolved, resolved, study_hash
+from tuning.store import RunStore, open_run, read_manifest, read_results, write_sealed
+from tuning.study import hash_resolved, numeric_paths, resolved, study_hash, to_toml
+from tuning.tables import put
 from tuning.tune import Search
+from tuning.work import planner_of, result_file, spec_of
 from vsajax import Scores
 
 ROOT = Path(__file__).parents[2]
@@ -512,9 +517,9 @@ def test_a_journal_that_is_anothers_or_none_is_not_gone_on_with(tmp_path, capsys
     journal.write_bytes(b"".join(lines[:10] + lines[11:]))
     assert searched(folder) == expected
     assert "is not as it was written before batch 1 ends" in capsys.readouterr().err
-    for put, what in ((put_a_pipe, "is a pipe"), (put_a_directory, "is a directory")):
+    for replace, what in ((put_a_pipe, "is a pipe"), (put_a_directory, "is a directory")):
         shutil.copytree(folder, tmp_path / what)
-        put(tmp_path / what / "optuna.log")
+        replace(tmp_path / what / "optuna.log")
         with pytest.raises(InputError, match=rf"optuna\.log: {what}"):
             searched(tmp_path / what)
 
@@ -546,6 +551,60 @@ def test_a_search_from_before_the_seals_goes_on_and_a_broken_one_is_refused_by_n
             except InputError as error:
                 refused += str(folder / "optuna.log") in str(error)
     assert refused > 10
+
+
+@pytest.mark.failure
+@pytest.mark.usefixtures("bowl")
+def test_a_best_that_was_changed_is_not_reported_on(tmp_path):
+    folder = tmp_path / "run"
+    searched(folder, resume=False)
+    path = folder / "best.toml"
+    written = path.read_text()
+    values = numeric_paths(load_best(open_finished(folder)))
+    for name in (PRIOR, "estimator.fit.law.forgetting", "joint.link.inertia"):
+        tables = tomllib.loads(written)
+        put(tables, name.split("."), values[name] * 1.01)
+        path.write_text(to_toml(tables))
+        with pytest.raises(InputError, match=r"best\.toml: is not what this search has found"):
+            load_best(open_finished(folder))
+    path.write_text(written.replace('tuned = ["', 'tuned = ["x'))
+    with pytest.raises(InputError, match=r"best\.toml: is not what this search has found"):
+        load_best(open_finished(folder))
+    assert searched(folder)
+    assert load_best(open_finished(folder)).provenance["command"] == "tune"
+
+
+@pytest.mark.failure
+def test_what_a_job_left_half_written_is_computed_again(tmp_path, capsys):
+    path = result_file(tmp_path, "b")
+    assert _collected(path, "run", "b") is None
+    write_sealed(path, rows("b"), "run", "b")
+    found = _collected(path, "run", "b")
+    assert found is not None
+    assert {name: values.tobytes() for name, values in found.items() if values.dtype != object} == {
+        name: values.tobytes() for name, values in rows("b").items() if values.dtype.kind != "U"
+    }
+    for run, chunk in (("other", "b"), ("run", "c")):
+        write_sealed(path, rows("b"), "run", "b")
+        assert _collected(path, run, chunk) is None
+        assert f"note: {path} is " in capsys.readouterr().err
+        assert not path.exists()
+
+
+@pytest.mark.failure
+def test_a_worker_that_sees_another_file_says_so_to_the_process_that_asked(tmp_path):
+    drive = tmp_path / "drive.csv"
+    write_torque(drive, 1.0)
+    store = open_run(tmp_path / "run", "sweep", small_serial(*recorded(drive)), PLAN, CHUNKS, resume=False)
+    spec = spec_of(store.manifest)
+    assert planner_of(spec).chunks
+    planner_of.cache_clear()
+    write_torque(drive, 2.0)
+    with pytest.raises(InputError) as caught:
+        planner_of(spec)
+    told = pickle.loads(pickle.dumps(caught.value))
+    assert told.mistakes == caught.value.mistakes
+    assert f"{drive}: has changed since the run" in str(told)
 
 
 def words_of(run: Path) -> list[str]:
@@ -635,8 +694,6 @@ main()
 @pytest.mark.cli
 @pytest.mark.failure
 def test_a_second_search_on_one_folder_is_refused_and_the_first_ends_as_alone(tmp_path):
-    from tuning.study import to_toml
-
     study = tmp_path / "study.toml"
     study.write_text(to_toml(resolved(tiny_tuning())))
     words = ["tune", study, "--method", "tpe", "--trials", "8", "--batch", "4", "--quiet", "-o"]

@@ -22,11 +22,13 @@ from tuning.problem import Status, Stream
 from tuning.robustness import Columns, Influence, Interval, Summary, summarise
 from tuning.seal import SEALED, breaks_seal
 from tuning.store import columns_of, is_file, read_manifest, read_results, read_table
-from tuning.study import Study, load_config, load_study, numeric_paths, parse_study, study_hash
+from tuning.study import Study, load_config, load_study, numeric_paths, parse_study, study_hash, with_numbers
 from tuning.sweep import GridSweep, Value, rank
 
 COMMANDS = ("montecarlo", "sweep", "tune", "compare", "contest")
 _WORST = 5
+_PLANS = {"sweep": ("axes", "scenarios", "points_per_chunk"), "montecarlo": ("scenarios",)}
+"""What a report needs of a plan."""
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,9 @@ def open_finished(folder: Path) -> FinishedRun:
     command, study, plan = manifest["command"], manifest["study"], manifest["plan"]
     if command not in COMMANDS:
         raise input_error(folder, f"holds a run of {command!r}", where)
+    lacking = [key for key in _PLANS.get(command, ()) if key not in plan]
+    if lacking:
+        raise input_error(f"{path}: plan", f"lacks {', '.join(lacking)}", where)
     if command == "montecarlo" and plan.get("rows"):
         raise input_error(folder, "holds the design of a run, not the run", f"name {folder.resolve().parent}")
     run = FinishedRun(folder, manifest, parse_study(study, f"{path}: study"))
@@ -231,8 +236,32 @@ def _swept(run: FinishedRun) -> list[Contestant]:
 
 
 def _tuned(run: FinishedRun) -> list[Contestant]:
-    studies = {"before": run.study, "tuned": load_study(run.folder / "best.toml")}
+    studies = {"before": run.study, "tuned": load_best(run)}
     return [Contestant(name, study, _score(study)) for name, study in studies.items()]
+
+
+def load_best(run: FinishedRun) -> Study:
+    """Return the study that a search has found.
+
+    Raises:
+        InputError: `best.toml` cannot be read, or has been changed: its numbers are none that the search tried, or
+            it differs from the study in more than them.
+    """
+    path = run.folder / "best.toml"
+    best = load_study(path)
+    tuned = [name for name in run.study.tune.parameters if name in best.provenance.get("tuned", [])]
+    values = numeric_paths(best)
+    is_it = np.ones(run.columns["objective"].size, bool)
+    for name in tuned:
+        is_it &= run.columns[name] == values.get(name)
+    # A choice changes more than numbers, and which there are.
+    if not run.study.tune.choices:
+        own = numeric_paths(run.study)
+        before = with_numbers(best, {name: own[name] for name in tuned}, str(path))
+        is_it &= study_hash(before) == run.manifest["study_hash"]
+    if not is_it.any():
+        raise input_error(path, "is not what this search has found: it was changed", "--resume writes it again")
+    return best
 
 
 def _score(study: Study) -> dict[str, np.ndarray]:
