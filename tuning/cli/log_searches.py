@@ -53,8 +53,8 @@ def tune_log(study: Path, settings: Sequence[str], folder: Path, *, as_json: boo
         lines.append(table(headers, rows))
         if loaded.tune.objective == "no_load":
             lines.append(
-                f"noise floor ± {tuned.floor:.4g} N·m (99.9 % of the training part); "
-                f"{100 * tuned.share_within:.4g} % of the held-out part lie within"
+                f"± {tuned.floor:.4g} N·m holds {100 * tuned.share_within:.4g} % of the held-out part's torque "
+                "(and, being chosen so, 99.9 % of the training part's)"
             )
         return "\n".join([*lines, f"wrote {folder / 'best.toml'}, {folder / 'results.parquet'} and {picture}"])
 

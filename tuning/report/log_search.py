@@ -73,8 +73,9 @@ def _page(folder: Path, config: Base, rows: Mapping[str, np.ndarray]) -> Page:
             )
         ],
         findings=[
-            f"noise floor ± {_number(provenance['noise_floor'])} N·m, 99.9 % of the part that was tuned on; "
-            f"{number(100.0 * float(provenance['held_out_within_floor']))} % of the held-out part lie within"
+            f"± {_number(provenance['noise_floor'])} N·m holds "
+            f"{number(100.0 * float(provenance['held_out_within_floor']))} % of the held-out part's torque (and, "
+            "being chosen so, 99.9 % of the part that was tuned on)"
         ]
         if provenance["objective"] == "no_load"
         else [],
