@@ -272,8 +272,8 @@ def _sentences(summary: Summary, population: Population, objective: str) -> list
     found, unit = [], unit_of(objective)
     median, high = (summary.quantiles[objective][level] for level in (0.5, 0.95))
     found.append(
-        f"half of the robots stay below {objective} {median.value:.4g}{unit} [{median.low:.4g}, "
-        f"{median.high:.4g}], 95 % of them below {high.value:.4g}{unit} [{high.low:.4g}, {high.high:.4g}]"
+        f"half of the robots stay below {objective} {median.value:.4g}{unit} {_ends(median)}, "
+        f"95 % of them below {high.value:.4g}{unit} {_ends(high)}"
     )
     found += [
         f"{name} ({define(name, population.failures[name])}): {100 * p.value:.3g} % fail "
@@ -304,6 +304,11 @@ def _sentences(summary: Summary, population: Population, objective: str) -> list
     if summary.unexplained:
         found.append(f"{summary.unexplained} scenarios of the design had no score and count as the worst that had")
     return found
+
+
+def _ends(interval: Interval) -> str:
+    """Return an interval in brackets; a dash for an end that so few scenarios do not give."""
+    return f"[{', '.join('–' if np.isnan(end) else f'{end:.4g}' for end in (interval.low, interval.high))}]"
 
 
 def _share(index: Interval) -> str:

@@ -88,6 +88,7 @@ def test_a_grid_search_prints_its_numbers(vsajax, tmp_path):
         ("montecarlo S -o run --dry-run --precision 0.1", "--precision does not go with --dry-run"),
         ("export S --to json -o out --recording r.csv --duration 1", "--duration does not go with --recording"),
         ("export out --check --duration 1", "--duration does not go with the check of an exported folder"),
+        ("compare S S -s S -o run", "is named twice"),
         ("init serial a.toml -o b.toml", "name the file once"),
     ],
 )

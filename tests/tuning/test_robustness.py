@@ -112,6 +112,12 @@ def test_a_summary_with_infinite_numbers_is_json(tmp_path):
     assert kept["scenarios"] == 10
 
 
+def test_few_scenarios_leave_no_nan_in_what_is_said():
+    summary = summarise(rows(8, msrep=np.arange(1.0, 9.0)), None, Population(), FACTORS, "msrep", 2)
+    assert "–]" in summary.sentences[0]
+    assert not [sentence for sentence in summary.sentences if "nan" in sentence]
+
+
 def test_a_study_keeps_its_failures():
     study = small_serial("population.failures={late='known_time > 0.1'}")
     assert study.population.failures == {"late": "known_time > 0.1"}

@@ -126,6 +126,9 @@ def compare(
     from tuning.study import load_config, load_study
 
     own = [*settings, *([] if scenarios is None else [f"scenarios.held_out={scenarios}"])]
+    twice = [str(path) for n, path in enumerate(configs) if path in configs[:n]]
+    if twice:
+        raise click.UsageError(f"{twice[0]} is named twice: a configuration is compared with others")
     loaded = load_study(study, with_seed(own, seed))
     studies = contenders({str(path): load_config(path) for path in configs}, loaded, str(study))
     from tuning.limits import require
