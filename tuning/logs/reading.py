@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -140,6 +140,9 @@ def read_recording(
     faults += find_units(signal_map, readings, columns)
     columns = _drive(time, columns, signal_map)
     faults = _judge_signals(time, columns, samples, signal_map, faults)
+    if map_path is None:
+        way = f"; there is no map yet: vsajax init map {path}"
+        faults = [replace(one, fix=one.fix + way) if "signals." in one.fix else one for one in faults]
     if signal_map.clock.sample_time is not None:
         time, columns, said = on_regular_clock(time, columns, signal_map.clock, blame)
         notes += said
