@@ -127,8 +127,7 @@ def test_every_documented_command_runs(document, vsajax, tmp_path, monkeypatch):
     furnish(document, tmp_path)
     ran = [c for c in commands(document.read_text(encoding="utf-8")) if c.words[0] == "vsajax" and _is_run(c)]
     for command in ran:
-        name = command.words[1]
-        more = SHORT.get(name, ()) if _takes_short(command) else ()
+        more = _shortened(command.words[1:])
         ended = vsajax(*command.words[1:], *more)
         said = f"{document.name}:{command.line}: {' '.join(command.words)} {' '.join(more)}"
         assert ended.code == 0, f"{said}\n{ended.out}\n{ended.err}"
@@ -143,10 +142,15 @@ def _needs_machines(words: tuple[str, ...]) -> bool:
     return "--scheduler" in words or "slurm" in words
 
 
-def _takes_short(command: Command) -> bool:
-    # What goes on with a run, or checks a folder, must be told what its beginning was told.
-    words = command.words
-    return "--resume" in words or words[1] != "export" or "--to" in words
+def _shortened(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what is put behind a command; what goes on with a run gets what its beginning got."""
+    if "--method" in words and not {"gradient", "hybrid"} & set(words):
+        return ("--set", "clock.duration=0.5")
+    if "--sensitivity" in words:
+        return (*SHORT["montecarlo"], "--sensitivity", "8", "--set", "clock.duration=0.5")
+    if words[0] == "export" and "--to" not in words:
+        return ()
+    return SHORT.get(words[0], ())
 
 
 @pytest.mark.structure
