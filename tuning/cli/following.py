@@ -67,6 +67,14 @@ def improve(study: Study, path: Path, settings: Sequence[str] = (), *, beside: P
         settings: with which it was read.
         beside: a run folder next to which the next one goes; below `runs` if `None`.
     """
+    from tuning.errors import InputError
+    from tuning.study import load_study
+
+    try:
+        # What was simulated may no longer fit what the study searches.
+        load_study(path, settings)
+    except InputError:
+        return deploy(path, settings)
     if study.tune.parameters or study.tune.choices:
         folder, method = run_folder("tune", beside), _method(study)
         return words("tune", path, "-o", folder, *(["--method", method] if method else []), settings=settings)
