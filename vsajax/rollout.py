@@ -54,7 +54,7 @@ def scan[State](
     segments = steps // length if length else 0
 
     @partial(jax.checkpoint, prevent_cse=False, static_argnums=2)  # pyright: ignore[reportPrivateImportUsage]
-    def run(state: State, start: Any, length: int) -> tuple[State, PyTree]:
+    def run(state: State, start: Any, length: Dimension) -> tuple[State, PyTree]:
         # Cut out here, inputs are neither copied nor stored as residuals, as they are when reshaped up front.
         part = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, start, length), inputs)
         # The lambda hides what `step` closes over: bound methods of modules with traced leaves have no hash.
@@ -132,7 +132,7 @@ def _segment_of(steps: int) -> int:
     return min(divisors, key=lambda n: n + steps // n, default=root)
 
 
-def _common_length(name: str, tree: PyTree) -> int:
+def _common_length(name: str, tree: PyTree) -> Dimension:
     lengths = {jnp.shape(leaf)[:1] for leaf in jax.tree.leaves(tree)}
     if len(lengths) != 1 or () in lengths:
         found = ", ".join(str(*length) or "a scalar" for length in sorted(lengths)) or "no array"
