@@ -104,9 +104,9 @@ def test_joints_with_names_are_named_in_the_order_of_the_arrays():
 
 def test_ranges_are_those_of_the_study_file():
     deployable = deployable_of(load_arm_study(ARM), str(ARM))
-    assert deployable.range(("bounds", "lower")) == Range(0.0, None, True, False)
-    assert deployable.range(("damping_ratio",)) == Range(0.0)
-    assert deployable.range(("arm", "offsets")) == Range()
+    assert deployable.range(("bounds", "lower")) == Range(1e-6, 1e9)
+    assert deployable.range(("damping_ratio",)) == Range(0.0, 1e6)
+    assert deployable.range(("arm", "offsets")) == Range(-1e3, 1e3)
 
 
 @pytest.mark.slow
