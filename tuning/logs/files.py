@@ -265,7 +265,7 @@ def table_suffix(path: Path, known: Sequence[str] = SUFFIXES) -> str:
     """Return the suffix of a table file, or raise `InputError` where it is none of those known."""
     suffix = path.suffix.lower()
     if suffix not in known:
-        raise input_error(path, f"unknown suffix {suffix!r}; known are {', '.join(known)}", "convert it to one")
+        raise input_error(path, f"unknown suffix {suffix!r}; known are {', '.join(known)}", "use one of them")
     return suffix
 
 
