@@ -227,6 +227,7 @@ def analyse(
     time, faults = table.columns["time"], list(table.faults)
     sound = is_sound(time, faults) & np.isfinite(deflection) & np.isfinite(torque)
     bent, twisted = deflection[sound], torque[sound]
+    trusted = {name: values[sound] for name, values in table.columns.items()}
     rest = find_rest(time[sound], bent, twisted) if bent.size else None
     setpoint = table.columns.get("setpoint_position")
     setpoint = None if setpoint is None or not np.ptp(setpoint) > 0.0 else setpoint[sound]
@@ -250,10 +251,10 @@ def analyse(
         # One stiffness is not claimed where a set-point moves.
         line if setpoint is None else None,
         rest,
-        _noise_floor(time, torque, table.signal_map.expect.no_load),
+        _noise_floor(time[sound], twisted, table.signal_map.expect.no_load),
         correlation,
         attenuation,
-        math.nan if mapped is None else mapped.gear_ratio * gear_factor(table.columns),
+        math.nan if mapped is None else mapped.gear_ratio * gear_factor(trusted),
         tuple(dict.fromkeys(faults)),
         int(np.count_nonzero(~sound)),
         given,

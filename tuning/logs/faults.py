@@ -10,7 +10,7 @@ import numpy as np
 
 from tuning.logs.curves import left_over, powers
 from tuning.logs.files import LogFile
-from tuning.logs.findings import Fault, FaultName
+from tuning.logs.findings import Fault, FaultName, Samples, name_stretches
 from tuning.logs.signal_map import Angle, SignalMap
 
 _DEGREE = math.pi / 180.0
@@ -78,21 +78,23 @@ def _periods(signal: Angle) -> Iterable[float]:
 
 
 def find_units(
-    signal_map: SignalMap, raw: Mapping[str, np.ndarray], columns: Mapping[str, np.ndarray]
+    signal_map: SignalMap, samples: Mapping[str, Samples], columns: Mapping[str, np.ndarray]
 ) -> list[Fault]:
     """Return the faults of signals that do not move, leave their range, or look like degrees taken for radians.
 
     Args:
         signal_map: what the user said.
-        raw: signals as the file has them.
+        samples: signals as the file has them.
         columns: the same in SI.
     """
     found = []
     for name, signal in signal_map.signals.given().items():
         values = columns[name]
         if _is_absurd(values):
-            said, fix = f"reaches {np.abs(values).max():.3g}", f"Check signals.{name}: column, unit, scale"
-            found.append(Fault("out of range", name, said, fix))
+            where = samples[name].stretches(np.abs(samples[name].values) > _ABSURD)
+            said = f"reaches {np.abs(values).max():.3g}" + (f" at {name_stretches(where)}" if where else "")
+            fix = f"Check signals.{name}: column, unit, scale"
+            found.append(Fault("out of range", name, said, fix, where=where))
             continue
         low, high = float(values.min()), float(values.max())
         if low == high and not name.startswith(("true_", "setpoint")):
@@ -110,7 +112,11 @@ def find_units(
                 else f"Check signals.{name}: column, unit, scale, offset"
             )
             found.append(Fault(kind, name, said, fix))
-        elif is_angle and signal.unit == "rad" and (why := _looks_like_degrees(name, signal, raw[name], values)):
+        elif (
+            is_angle
+            and signal.unit == "rad"
+            and (why := _looks_like_degrees(name, signal, samples[name].values, values))
+        ):
             fix = f'Set signals.{name}.unit = "deg"? If it does go so far, say so: signals.{name}.range'
             found.append(Fault("degrees for radians", name, why, fix))
     return found + _disagreements({name: values for name, values in columns.items() if not _is_absurd(values)})

@@ -109,6 +109,17 @@ class Samples:
         begin, end = (self.log.place(int(self.rows[at])) for at in (first, last))
         return Stretch(begin, end, float(self.time[first]), float(self.time[last]))
 
+    def stretches(self, chosen: np.ndarray) -> tuple[Stretch, ...]:
+        """Return the samples that are chosen, one stretch where they are neighbours."""
+        return tuple(self.stretch(first, last) for first, last in runs_of(chosen))
+
+
+def runs_of(chosen: np.ndarray) -> list[tuple[int, int]]:
+    """Return the first and the last place of each run of true values."""
+    starts = np.flatnonzero(np.diff(chosen.astype(int), prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(chosen.astype(int), append=0) == -1)
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))
+
 
 def name_stretches(where: Sequence[Stretch]) -> str:
     """Return the first few stretches in words, the others counted."""

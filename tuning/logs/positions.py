@@ -39,7 +39,7 @@ def _agreement(columns: Mapping[str, np.ndarray]) -> tuple[float, bool]:
     if not {"link_position", "motor_position"} <= columns.keys():
         return math.nan, False
     link, motor = columns["link_position"], columns["motor_position"]
-    if not (np.ptp(motor) > 0.0 and np.ptp(link) > 0.0):
+    if not (link.size and np.ptp(motor) > 0.0 and np.ptp(link) > 0.0):
         return math.nan, False
     if "deflection" in columns and np.ptp(columns["deflection"]) > 0.0:
         return _by_deflection(link, motor, columns["deflection"])

@@ -137,7 +137,7 @@ def read_recording(
     if foreign:
         time, columns = _join(time, columns, foreign, signal_map, blame, notes, start=start)
     readings = own | {name: signal.values for name, signal in foreign.items()}
-    faults += find_units(signal_map, readings, columns)
+    faults += find_units(signal_map, samples, columns)
     columns = _drive(time, columns, signal_map)
     faults = _judge_signals(time, columns, samples, signal_map, faults)
     if map_path is None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from tuning.logs.curves import curve_of, fit, white_share
-from tuning.logs.findings import Fault, FaultName, Samples, Stretch, name_stretches
+from tuning.logs.findings import Fault, FaultName, Samples, Stretch, name_stretches, runs_of
 from tuning.logs.signal_map import Angle, Stiffness, Torque
 
 _SPIKE = 2
@@ -67,10 +67,7 @@ def find_spikes(samples: Samples, signal: Angle | Torque | Stiffness) -> list[Fa
         candidate = size > max(_LEAST_SPIKE * (high - low), usual, 4.0 * quantum if quantum < math.inf else 0.0)
     if not candidate.any() or np.count_nonzero(candidate) > max(3.0, _RAREST * values.size):
         return []
-    starts = np.flatnonzero(np.diff(candidate.astype(int), prepend=0) == 1)
-    ends = np.flatnonzero(np.diff(candidate.astype(int), append=0) == -1)
-    runs = zip(starts.tolist(), ends.tolist(), strict=True)
-    found = [(a, b) for a, b in runs if _stands_alone(values, size, candidate, a, b)]
+    found = [(a, b) for a, b in runs_of(candidate) if _stands_alone(values, size, candidate, a, b)]
     if not found:
         return []
     where = tuple(samples.stretch(a, b) for a, b in found)

@@ -152,3 +152,17 @@ def test_a_canonical_log_is_analysed_too(tmp_path):
     analysis = analyse(table, table.columns["deflection"], table.columns["elastic_torque"])
     assert analysis.characteristic is not None
     assert analysis.characteristic.stiffness == pytest.approx(80.0, rel=0.01)
+
+
+@pytest.mark.failure
+@pytest.mark.parametrize("reading", [1e160, -1e308])
+@pytest.mark.parametrize("place", [slice(0, 1), slice(59, 60), slice(10, 12), slice(None)])
+@pytest.mark.parametrize("signal", ["torque", "deflection", "link", "motor"])
+def test_readings_whose_squares_overflow_are_named_by_row_and_left_out(tmp_path, signal, place, reading):
+    columns = spring_log(samples=60)
+    columns[signal][place] = reading
+    _, analysis = look_at(write_spring_log(tmp_path, columns, ".parquet"))
+    found = next(fault for fault in analysis.faults if fault.name == "out of range")
+    first, last, _ = place.indices(60)
+    rows = f"row {first + 1} (" if last == first + 1 else f"rows {first + 1} to {last} ("
+    assert f"reaches {abs(reading):.3g} at {rows}" in found.problem
