@@ -147,7 +147,7 @@ def _shortened(words: tuple[str, ...]) -> tuple[str, ...]:
     if "--method" in words and not {"gradient", "hybrid"} & set(words):
         return ("--set", "clock.duration=0.5")
     if "--sensitivity" in words:
-        return (*SHORT["montecarlo"], "--sensitivity", "8", "--set", "clock.duration=0.5")
+        return (*SHORT["montecarlo"], "--sensitivity", "8", "--set", "clock.duration=2.5")
     if words[0] == "export" and "--to" not in words:
         return ()
     return SHORT.get(words[0], ())

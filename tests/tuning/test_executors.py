@@ -236,7 +236,16 @@ def test_patience_counts_from_the_last_worker(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.failure
 def test_jobs_that_end_without_a_chunk_are_given_up_and_their_log_is_named(tmp_path):
-    spec = json.dumps({"command": "nothing", "study": {}, "plan": {}, "xla_flags": os.environ["XLA_FLAGS"]})
+    spec = json.dumps(
+        {
+            "run": "0",
+            "files": {},
+            "command": "nothing",
+            "study": {},
+            "plan": {},
+            "xla_flags": os.environ["XLA_FLAGS"],
+        }
+    )
     with pytest.raises(InputError) as caught:
         list(SlurmExecutor(tmp_path / "jobs", 1, "local").compute(spec, ["a", "b"]))
     (mistake,) = caught.value.mistakes

@@ -267,7 +267,7 @@ def rounding_limit(estimator: es.AntagonisticPair, recording: Recording) -> floa
     for side, state, rows, number in zip(estimator.both, final, prepared.inputs, (1, 2), strict=True):
         assert isinstance(side, es.AlgebraicObserver)
         sample = recording.samples().side(number)
-        deflection = sample.read("link_position") - sample.read("motor_position")
+        deflection = jax.vmap(lambda one: one.read("link_position") - one.read("motor_position"))(sample)
         slopes = jax.vmap(side.basis)(jnp.zeros_like(deflection), deflection)[1]
         features = np.asarray(rows.share)[:, None] * np.stack([np.asarray(f) for f in rows.features], axis=1)
         found = worst_errors(

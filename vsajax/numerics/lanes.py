@@ -36,7 +36,8 @@ def lanes_last[Result: PyTree](function: Callable[..., Result]) -> Callable[...,
     batched = jax.custom_batching.custom_vmap(function)
 
     @batched.def_vmap
-    def run(size: int, is_batched: list[bool], *arguments: Array) -> tuple[Result, PyTree]:
+    def run(size: Any, is_batched: list[bool], *arguments: Array) -> tuple[Result, PyTree]:
+        # `size` is an int, or the name of any number of lanes in a program that is exported.
         pairs = zip(arguments, is_batched, strict=True)
         last = [
             jnp.moveaxis(x, 0, -1) if own else jnp.broadcast_to(x[..., None], (*x.shape, size)) for x, own in pairs

@@ -157,7 +157,7 @@ def test_every_other_command_leads_on_too(vsajax, here):
     study = "my study.toml"
     one = (
         "--set",
-        f"population={{ parameters = {{ '{PRIOR}' = {{ type = 'uniform', low = 0.5, high = 2.0 }} }} }}",
+        f"population={{ vary = {{ '{PRIOR}' = {{ type = 'uniform', low = 0.5, high = 2.0 }} }} }}",
     )
     tuned = vsajax("tune", study, "-o", "runs/t", "--starts", "1", "--budget", "2")
     assert following(tuned) == ["export", "runs/t/best.toml", "--to", "c99", "-o", "deploy", "--check"]
