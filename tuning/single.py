@@ -234,7 +234,9 @@ def _why_unknown(columns: dict[str, np.ndarray], config: Config, analysis: Analy
             f"the deflection moves by {1e3 * span:.3g} mrad in all, and estimator.gate.min_deflection_range "
             f"asks for {1e3 * gate.min_deflection_range:.3g}: excite the joint more, or lower it"
         )
-    shares = columns["stiffness_std"] / np.maximum(np.abs(columns["stiffness"]), np.finfo(float).tiny)
+    is_some = np.abs(columns["stiffness"]) > 1e-12 * float(np.max(np.abs(columns["stiffness"]), initial=0.0))
+    # A stiffness of zero has no relative deviation.
+    shares = columns["stiffness_std"][is_some] / np.abs(columns["stiffness"][is_some])
     least = float(np.min(shares[np.isfinite(shares)], initial=math.inf))
     least_said = f"{100 * least:.3g} % at best" if math.isfinite(least) else "unknown"
     return (
