@@ -148,6 +148,9 @@ def _shortened(words: tuple[str, ...]) -> tuple[str, ...]:
         return ("--set", "clock.duration=0.5")
     if "--sensitivity" in words:
         return (*SHORT["montecarlo"], "--sensitivity", "8", "--set", "clock.duration=2.5")
+    if words[0] == "tune" and any("population" in word for word in words):
+        # Judged by what settles, from 2 s on.
+        return (*SHORT["tune"], "--set", "clock.duration=2.5")
     if words[0] == "export" and "--to" not in words:
         return ()
     return SHORT.get(words[0], ())
