@@ -265,17 +265,22 @@ def test_closing_an_executor_stops_its_workers(planned, tmp_path):
 
 def test_an_interrupt_while_workers_start_is_neither_lost_nor_theirs():
     masks = []
+    # A shell starts what runs in the background with the signal ignored.
+    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def start():
         with executors._interrupts_held():
             signal.raise_signal(signal.SIGINT)
             masks.append(signal.pthread_sigmask(signal.SIG_BLOCK, []))
 
-    with pytest.raises(KeyboardInterrupt):
-        start()
-    assert signal.SIGINT in masks[0]
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            start()
+        assert signal.SIGINT in masks[0]
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    finally:
+        signal.signal(signal.SIGINT, inherited)
 
 
 class Refusing:

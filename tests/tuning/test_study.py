@@ -101,10 +101,17 @@ def test_replacing_a_leaf_replaces_that_leaf_alone(path):
         assert float(number(changed, dotted)) == (value if i % 3 else 1.0 + value)
 
 
-# At least 1 is within the limits of every number of the example.
+_SCALE = "estimator.basis.deflection_scale"
+
+
+def within_limits(values: dict[str, float]) -> dict[str, float]:
+    """Return numbers from 1 on within the limits of the example: only the deflection's scale has one above."""
+    return values | ({_SCALE: min(values[_SCALE], 1e6)} if _SCALE in values else {})
+
+
 @pytest.mark.equivalence
 @settings(deadline=None, max_examples=50)
-@given(st.dictionaries(st.sampled_from(sorted(NUMBERS)), st.floats(1.0, 1e300), min_size=1))
+@given(st.dictionaries(st.sampled_from(sorted(NUMBERS)), st.floats(1.0, 1e300), min_size=1).map(within_limits))
 def test_a_study_survives_toml_and_json(values):
     study = with_numbers(load_study(SERIAL, ["sweep={}", "tune={}"]), values, "drawn")
     tables = resolved(study)
