@@ -74,17 +74,9 @@ class SwingMotion(NamedTuple):
     motor_positions: Vectors
     commanded: Vectors
 
-    def _repr_html_(self) -> str:
-        """Return what it holds as a table, for notebooks."""
-        return showing.to_html(self)
-
-    def to_pandas(self) -> Any:
-        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
-        return showing.to_pandas(self)
-
-    def plot(self, *, time: Any = None) -> Any:
-        """Return a matplotlib figure of it over time [s]; see `vsajax.showing.plot`."""
-        return showing.plot(self, time=time)
+    _repr_html_ = showing.to_html
+    to_pandas = showing.to_pandas
+    plot = showing.plot
 
 
 class Exchange(NamedTuple):

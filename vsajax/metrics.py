@@ -5,7 +5,7 @@ MSE and MSREP are (35) and (36) of Flacco et al., IROS 2011, as printed: sums ov
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -46,13 +46,8 @@ class Scores(NamedTuple):
     near_zero_share: Float[Array, "..."]
     diverged: Float[Array, "..."]
 
-    def _repr_html_(self) -> str:
-        """Return what it holds as a table, for notebooks."""
-        return showing.to_html(self)
-
-    def to_pandas(self) -> Any:
-        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
-        return showing.to_pandas(self)
+    _repr_html_ = showing.to_html
+    to_pandas = showing.to_pandas
 
 
 class ScoreState(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -42,13 +42,8 @@ class SwingScores(NamedTuple):
         """Return the settling time: what other scores call it."""
         return self.settling_time
 
-    def _repr_html_(self) -> str:
-        """Return what it holds as a table, for notebooks."""
-        return showing.to_html(self)
-
-    def to_pandas(self) -> Any:
-        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
-        return showing.to_pandas(self)
+    _repr_html_ = showing.to_html
+    to_pandas = showing.to_pandas
 
 
 class Swept(NamedTuple):

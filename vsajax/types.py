@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -125,17 +125,9 @@ class Recording(NamedTuple):
         """Return the names of the signals that are not `None`."""
         return frozenset(name for name, value in self._asdict().items() if value is not None)
 
-    def _repr_html_(self) -> str:
-        """Return what it holds as a table, for notebooks."""
-        return showing.to_html(self)
-
-    def to_pandas(self) -> Any:
-        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
-        return showing.to_pandas(self)
-
-    def plot(self, *, time: Any = None) -> Any:
-        """Return a matplotlib figure of it over time [s]; see `vsajax.showing.plot`."""
-        return showing.plot(self, time=time)
+    _repr_html_ = showing.to_html
+    to_pandas = showing.to_pandas
+    plot = showing.plot
 
 
 class Signals(NamedTuple):
@@ -181,17 +173,9 @@ class Estimate(NamedTuple):
     held: Bool[Array, "..."] | None = None
     skipped: Int[Array, "..."] | None = None
 
-    def _repr_html_(self) -> str:
-        """Return what it holds as a table, for notebooks."""
-        return showing.to_html(self)
-
-    def to_pandas(self) -> Any:
-        """Return it as a pandas DataFrame; see `vsajax.showing.to_pandas`."""
-        return showing.to_pandas(self)
-
-    def plot(self, *, time: Any = None) -> Any:
-        """Return a matplotlib figure of it over time [s]; see `vsajax.showing.plot`."""
-        return showing.plot(self, time=time)
+    _repr_html_ = showing.to_html
+    to_pandas = showing.to_pandas
+    plot = showing.plot
 
 
 class Swing(NamedTuple):
