@@ -9,14 +9,16 @@ _UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Categories of characters that steer a terminal, turn text around or break lines: they are named, not sent."""
 
 
+def is_unseen(letter: str) -> bool:
+    """Return whether a character steers a terminal, turns text around or breaks a line."""
+    return unicodedata.category(letter) in _UNSEEN
+
+
 def printable(text: str) -> str:
     r"""Return text on one line that a terminal shows and does not obey, e.g. ``\x1b`` for an escape."""
     if text.isascii() and text.isprintable():
         return text
-    return "".join(
-        letter.encode("unicode_escape").decode() if unicodedata.category(letter) in _UNSEEN else letter
-        for letter in text
-    )
+    return "".join(letter.encode("unicode_escape").decode() if is_unseen(letter) else letter for letter in text)
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ _GOLDEN_BYTES, _GOLDEN_SAMPLE_TIME = 4000, 1e-3
 _LANE_BYTES, _MOTION_BYTES = 40, 160
 """Of a sample of one of the recordings that are scored side by side, and of its motion where that is its own."""
 _LANES = 16
+"""`vsajax.rollout.LANES_PER_CHUNK`: what a plan needs is told before jax is imported. A test holds them equal."""
 _STEP_SECONDS, _TONE_SECONDS = 8e-8, 5e-9
 """Of a lane's sample on one core; each integration step of its motion takes about as long again."""
 _SQUARE_SECONDS, _SQUARE_BYTES = 1.5e-10, 48

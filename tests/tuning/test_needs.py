@@ -10,12 +10,14 @@ from pathlib import Path
 import pytest
 
 from tests.tuning.builders import ANTAGONISTIC, EXAMPLES, PRIOR, SEA, SERIAL, TUNED
+from tuning import needs
 from tuning.build import build_estimator
 from tuning.errors import InputError
 from tuning.limits import Need, in_bytes, in_count, in_time, limits, product, require
 from tuning.needs import features_of, of_study, of_sweep
 from tuning.resources import CONFIGS
 from tuning.study import Config, load_config, load_study, with_grid
+from vsajax import rollout
 
 DAMPING, ARM = CONFIGS / "studies" / "damping.toml", CONFIGS / "studies" / "arm.toml"
 POPULATION, CONTEST = CONFIGS / "studies" / "serial-population.toml", CONFIGS / "contests" / "damping.toml"
@@ -173,3 +175,7 @@ def test_numbers_beyond_all_floats_are_too_many():
     assert (in_count(25_000_000), in_count(10**20)) == ("25,000,000", "1e+20")
     assert (in_bytes(3 * 2**30), in_bytes(5e18)) == ("3 GiB", "4,547,474 TiB".replace("4,547,474", "4.5e+06"))
     assert (in_time(30.0), in_time(7200.0), in_time(1e9)) == ("30 s", "2 h", "31.7 years")
+
+
+def test_lanes_are_counted_as_they_are_computed():
+    assert needs._LANES == rollout.LANES_PER_CHUNK

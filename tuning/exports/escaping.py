@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from html import escape
 
 from tuning.text import plain
 
@@ -25,8 +26,7 @@ def comment_of_yaml(text: str) -> str:
 
 def text_of_xml(text: str) -> str:
     """Return text for an attribute or an element of XML."""
-    pairs = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&#39;"}
-    return "".join(pairs.get(letter, letter) for letter in plain(text))
+    return escape(plain(text))
 
 
 def text_of_markdown(text: str) -> str:
