@@ -84,13 +84,8 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
     )
 
 
-def unit_of(objective: str) -> str:
-    """Return the unit of an objective as it follows a number, with its space."""
-    return {"log_energy": "", "settling_time": " s"}.get(objective, " %")
-
-
-def unit_of_metric(metric: str) -> str:
-    """Return the unit of any metric as it follows a number, with its space; nothing where it has none."""
+def unit_of(metric: str) -> str:
+    """Return the unit of a metric as it follows a number, with its space; nothing where it has none."""
     units = {
         "mse": " (N·m/rad)²",
         "mse_settled": " (N·m/rad)²",

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from tuning.judging import unit_of, unit_of_metric
+from tuning.judging import unit_of
 from tuning.population import METRICS, Population, parse_failure
 from tuning.problem import Status
 from tuning.remedies import TARGET, Remedy, advise, find_remedy
@@ -254,7 +254,7 @@ def _remedies(
 def define(name: str, text: str) -> str:
     """Return a failure's definition with the unit of its metric."""
     metric, comparison, limit = parse_failure(name, text)
-    return f"{metric} {comparison} {limit:g}{unit_of_metric(metric)}"
+    return f"{metric} {comparison} {limit:g}{unit_of(metric)}"
 
 
 def _correlation(numbers: np.ndarray, scores: np.ndarray) -> Interval:

@@ -175,11 +175,11 @@ def _number(value: float) -> str:
 
 
 def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures: list[Any]) -> str:
-    from tuning.judging import unit_of_metric
+    from tuning.judging import unit_of
 
     levels = list(next(iter(summary.quantiles.values())))
     rows = [
-        [f"{metric}{_bracketed(unit_of_metric(metric))}", *map(_quantile, quantiles.values())]
+        [f"{metric}{_bracketed(unit_of(metric))}", *map(_quantile, quantiles.values())]
         for metric, quantiles in summary.quantiles.items()
         if metric in {"msrep", "msrep_settled", "mse_settled", "convergence_time", "known_time", "coverage"}
         or metric in {"settling_time", "log_energy", "residual", "switches"}

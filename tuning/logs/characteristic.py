@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from tuning.logs.curves import curve_of, fit
+from tuning.logs.curves import curve_of, fit, solve
 
 LINE_HOLDS = 0.98
 """R² from which one line is said to describe a log."""
@@ -231,8 +231,7 @@ def _turning_points(values: Sequence[float], least: float) -> list[int]:
 def _fit(features: Sequence[np.ndarray], target: np.ndarray) -> tuple[np.ndarray, float]:
     """Return least-squares coefficients and the share of the variance that they explain."""
     matrix = np.stack(features, axis=1)
-    # The normal equations of a few features between −1 and 1: a million samples need no decomposition.
-    coefficients = np.linalg.lstsq(matrix.T @ matrix, matrix.T @ target, rcond=1e-12)[0]
+    coefficients = solve(matrix, target)
     return coefficients, 1.0 - float(np.var(target - matrix @ coefficients) / np.var(target))
 
 

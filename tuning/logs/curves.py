@@ -34,13 +34,19 @@ def curve_of(deflection: np.ndarray, setpoint: np.ndarray | None = None, *, orde
     return [one * two for two in powers(setpoint, 2) for one in own]
 
 
+def solve(matrix: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the least-squares coefficients of the columns of a matrix, `(sample, feature)`.
+
+    By the normal equations: the features are few, and between −1 and 1. A million samples need no decomposition.
+    """
+    return np.linalg.lstsq(matrix.T @ matrix, matrix.T @ target, rcond=1e-12)[0]
+
+
 def fit(features: Sequence[np.ndarray], target: np.ndarray, chosen: np.ndarray | None = None) -> np.ndarray:
     """Return what a least-squares fit to the chosen samples leaves of a target, at every sample."""
     matrix = np.stack(features, axis=1)
     rows, wanted = (matrix, target) if chosen is None else (matrix[chosen], target[chosen])
-    # The normal equations of some features between −1 and 1: a million samples need no decomposition.
-    coefficients = np.linalg.lstsq(rows.T @ rows, rows.T @ wanted, rcond=1e-12)[0]
-    return target - matrix @ coefficients
+    return target - matrix @ solve(rows, wanted)
 
 
 def left_over(features: Sequence[np.ndarray], target: np.ndarray) -> float:

@@ -137,7 +137,7 @@ def find_delay(
         setpoint: moves the curve, where there is one.
         given: of the estimator.
     """
-    if time.size < _FEWEST or not float(np.var(torque)) > 0.0:
+    if not _can_be_judged(torque):
         return []
     kept = thinned(time, torque, *([] if setpoint is None else [setpoint]))
     moment, wanted = kept[:2]
@@ -164,12 +164,13 @@ def find_delay(
     if at in (0, tried.size - 1):
         return []
     best = least_of(left, float(tried[at - 1]), float(tried[at + 1]))
+    then = left(best)
     # Who is shifted far enough goes with anything that swings: it must also be a curve then.
-    is_curve = left(best) < _CURVE
-    if abs(best) < step or not is_curve or not explains(now, left(best), white_share(wanted), least=_EXPLAINS):
+    is_curve = then < _CURVE
+    if abs(best) < step or not is_curve or not explains(now, then, white_share(wanted), least=_EXPLAINS):
         return []
     others = " or wrong numbers of the motor in estimator.torque" if not given.is_measured else ""
-    said = f"the deflection by {1e3 * abs(best):.3g} ms: so shifted, a curve leaves {100 * left(best):.2g} % of it"
+    said = f"the deflection by {1e3 * abs(best):.3g} ms: so shifted, a curve leaves {100 * then:.2g} % of it"
     said += f" instead of {100 * now:.2g} %"
     if best > 0.0:
         said = f"comes after {said}"
@@ -223,7 +224,7 @@ def find_offset(
         given: of the estimator.
     """
     reach = float(np.abs(deflection).max())
-    if given.has_offset or torque.size < _FEWEST or not reach > 0.0 or not float(np.var(torque)) > 0.0:
+    if given.has_offset or not reach > 0.0 or not _can_be_judged(torque):
         return []
     scaled = deflection / reach
     factors = powers(setpoint, 2) if setpoint is not None and np.ptp(setpoint) > 0.0 else [np.ones_like(scaled)]
@@ -262,7 +263,7 @@ def find_unrelated(
         setpoint: moves the curve, where there is one.
         given: of the estimator.
     """
-    if torque.size < _FEWEST or not float(np.var(torque)) > 0.0:
+    if not _can_be_judged(torque):
         return []
     left = fit(curve_of(deflection, setpoint), torque)
     share = float(np.var(left)) / float(np.var(torque))
@@ -306,3 +307,8 @@ def find_negative_loop(loss_factor: float, branches: float, given: Assumptions) 
     other = "" if given.is_measured else ", or the motor's friction or inertia in the estimator is wrong"
     fix = f"No spring gives out energy: the two are not of one instant, or a zero moved{other}"
     return [Fault("negative loop", "torque", said, fix, "note")]
+
+
+def _can_be_judged(torque: np.ndarray) -> bool:
+    """Return whether there are enough samples of a torque, and it moves."""
+    return torque.size >= _FEWEST and float(np.var(torque)) > 0.0
