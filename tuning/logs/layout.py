@@ -367,9 +367,10 @@ class _Body:
         self, lines: Sequence[_Line], comments: Sequence[_Line]
     ) -> tuple[list[str], list[str] | None, int, list[str], dict[str, Any]]:
         """Return names, units, how many lines come before the data, notes and keys."""
-        at, notes, keys = self._header(lines)
-        names, units = None, None
-        first = 0
+        at = self._header(lines)
+        notes: list[str] = []
+        keys: dict[str, Any] = {}
+        names, units, first = None, None, 0
         if at is not None:
             names, first = self.cells(lines[at]), at + 1
             if at > 0:
@@ -408,11 +409,11 @@ class _Body:
             units = units and units[: self.width]
         return names, units, first, notes, keys
 
-    def _header(self, lines: Sequence[_Line]) -> tuple[int | None, list[str], dict[str, Any]]:
+    def _header(self, lines: Sequence[_Line]) -> int | None:
         """Return the place of the header, `None` where there is none."""
         if self.told.header is not None:
             if self.told.header == 0:
-                return None, [], {}
+                return None
             at = next((i for i, line in enumerate(lines) if line.number == self.told.header), None)
             if at is None:
                 raise input_error(
@@ -420,12 +421,12 @@ class _Body:
                     "is empty or absent, but file.header names it",
                     "mend it",
                 )
-            return at, [], {}
+            return at
         if self.is_data(lines[0]):
-            return None, [], {}
+            return None
         start = next((i for i, line in enumerate(lines[:_LONGEST_PREAMBLE]) if self.is_data(line)), None)
         if start is None or start == 0:
-            return 0, [], {}
+            return 0
         at = start - 1
         if at > 0 and self.is_units(lines[at]) and len(self.cells(lines[at - 1])) == self.width:
             at -= 1
@@ -435,7 +436,7 @@ class _Body:
             or len(self.cells(lines[at])) < self.width
         ):
             at = 0
-        return at, [], {}
+        return at
 
     def _commented(self, lines: Sequence[_Line], comments: Sequence[_Line]) -> tuple[list[str] | None, int]:
         """Return the names in one of the last comments above the rows, and its line."""

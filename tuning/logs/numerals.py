@@ -94,7 +94,7 @@ def grouping_of(cells: pa.ChunkedArray, decimal: str) -> str | None:
     for mark in GROUPING:
         if mark == decimal:
             continue
-        grouped = pc.match_substring_regex(cells, grouped_pattern(mark, decimal))
+        grouped = _matches(cells, grouped_pattern(mark, decimal))
         if pc.any(grouped).as_py() and pc.all(pc.or_(grouped, _matches(cells, plain_pattern(decimal)))).as_py():
             return mark
     return None
