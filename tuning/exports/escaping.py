@@ -14,14 +14,9 @@ def comment_of_c(text: str) -> str:
 
 
 def string_of_c(text: str) -> str:
-    """Return text for a string literal of C; ``%`` is doubled where it is a format, which ours are not."""
+    """Return text for a string literal of C that is no format: no quote ends it, and nothing in it is a trigraph."""
     quoted = plain(text).replace("\\", "\\\\").replace('"', '\\"')
     return quoted.replace("??", "?\\?")
-
-
-def comment_of_yaml(text: str) -> str:
-    """Return text for a comment of YAML, which ends with its line."""
-    return plain(text)
 
 
 def text_of_xml(text: str) -> str:

@@ -11,10 +11,10 @@ import yaml
 import vsajax
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.c99.printing import decimal
-from tuning.exports.escaping import comment_of_yaml
 from tuning.exports.layout import told
 from tuning.exports.ranges import Range
 from tuning.parts.base import Part
+from tuning.text import plain
 
 _USAGE = """```sh
 ros2 run YOUR_PACKAGE YOUR_NODE --ros-args --params-file {name}_params.yaml
@@ -199,5 +199,5 @@ _Dumper.add_representer(float, _represent)
 
 def _yaml(subject: Subject, tables: dict[str, Any]) -> str:
     text = yaml.dump(tables, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
-    head = (comment_of_yaml(line) for line in (subject.program.title, subject.banner))
+    head = (plain(line) for line in (subject.program.title, subject.banner))
     return "".join(f"# {line}\n" for line in head) + text
