@@ -14,7 +14,7 @@ def comment_of_c(text: str) -> str:
 
 
 def string_of_c(text: str) -> str:
-    """Return text for a string literal of C that is no format: no quote ends it, and nothing in it is a trigraph."""
+    """Return text for a string literal of C that is no format: no quote ends it, nothing in it is a trigraph."""
     quoted = plain(text).replace("\\", "\\\\").replace('"', '\\"')
     return quoted.replace("??", "?\\?")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -38,11 +38,8 @@ class ArmReading(NamedTuple):
     stiffness: Matrix
 
     @property
-    def readings(self) -> tuple[Any, Any, Any]:
-        """What must be sound: the desired stiffness is judged by the design, which answers with a status.
-
-        An export asks for them with the inputs' numbers in place of arrays.
-        """
+    def readings(self) -> tuple[Joints, Joints, Joints]:
+        """What must be sound: the desired stiffness is judged by the design, which answers with a status."""
         return self.position, self.velocity, self.posture
 
 
