@@ -70,7 +70,7 @@ def furnish(document: Path, folder: Path) -> None:
 def pretend(words: tuple[str, ...]) -> None:
     """Leave what a command would have written, so that those after it find it."""
     name, *rest = words
-    given = cli.commands[name].make_context(name, rest).params
+    given = cli.commands[name].make_context(name, rest, parent=cli.make_context("vsajax", [name])).params
     output = given.get("folder") or given.get("output")
     if name == "simulate":
         study = load_study(given["study"], given["settings"])
@@ -104,11 +104,17 @@ def test_every_documented_command_is_taken(document, vsajax, tmp_path, monkeypat
         assert program == "vsajax", said
         words = tuple(rest)
         if _needs_machines(words):
-            cli.commands[words[0]].make_context(words[0], list(words[1:]))
+            cli.commands[words[0]].make_context(
+                words[0], list(words[1:]), parent=cli.make_context("vsajax", [words[0]])
+            )
             continue
         if words[0] == "report" or (words[0] == "export" and "--to" not in words):
             # They read what a run has computed; the slow test has that.
-            given = cli.commands[words[0]].make_context(words[0], list(words[1:])).params
+            given = (
+                cli.commands[words[0]]
+                .make_context(words[0], list(words[1:]), parent=cli.make_context("vsajax", [words[0]]))
+                .params
+            )
             assert (given.get("run") or given["config"]).is_dir(), said
             continue
         try:

@@ -30,7 +30,8 @@ def following(ended) -> list[str]:
     assert sum("Next: vsajax" in text for text in ended.out.splitlines()) == 1
     name, *rest = shlex.split(line)[2:]
     command = cli.commands[name]
-    given = command.make_context(name, list(rest)).params
+    # Below its group, as it runs: a command keeps the names of the help option that it was first made with.
+    given = command.make_context(name, list(rest), parent=cli.make_context("vsajax", [name])).params
     for parameter in command.params:
         value = given.get(parameter.name or "")
         if not isinstance(value, Path) or str(value).startswith("shipped:"):

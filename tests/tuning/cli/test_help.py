@@ -42,7 +42,7 @@ def test_the_example_is_a_command_line_that_is_understood(name):
     command = cli.commands[name]
     program, called, *words = shlex.split(command.epilog.removeprefix("Example: "))
     assert (program, called) == ("vsajax", name)
-    command.make_context(name, words)
+    command.make_context(name, words, parent=cli.make_context("vsajax", [name]))
 
 
 @pytest.mark.contract

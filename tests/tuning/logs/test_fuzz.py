@@ -31,20 +31,23 @@ seeds = st.integers(0, 2**32 - 1)
 suffixes = st.sampled_from([".csv", ".parquet"])
 
 
-def cases(test):
-    """Return a test at two sizes: a few cases by default, thousands in the slow tests."""
+def cases(*strategies):
+    """Return what makes a test of drawn values one at two sizes: a few by default, thousands in the slow tests."""
     common = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None}
 
-    @pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.slow)], ids=["few", "many"])
-    def run(count):
-        settings(max_examples=count, **common)(test)()
+    def sized(test):
+        @pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.slow)], ids=["few", "many"])
+        def run(count):
+            # Anew for each size: what hypothesis has decorated once keeps its settings.
+            settings(max_examples=count, **common)(given(*strategies)(test))()
 
-    run.__name__ = test.__name__
-    return run
+        run.__name__ = test.__name__
+        return run
+
+    return sized
 
 
-@cases
-@given(seeds, st.floats(0.02, 0.3), st.data())
+@cases(seeds, st.floats(0.02, 0.3), st.data())
 def test_no_mutation_of_those_listed_passes_silently(seed, amplitude, data):
     columns = spring_log(seed=seed, amplitude=amplitude, samples=data.draw(st.integers(200, 500)))
     kind = data.draw(st.sampled_from(["gap", "sign", "degrees", "wrap", "truncated", "none"]))
@@ -122,8 +125,7 @@ def _files() -> dict[str, bytes]:
 FILES = _files()
 
 
-@cases
-@given(st.sampled_from([".csv", ".parquet", ".h5"]), st.data())
+@cases(st.sampled_from([".csv", ".parquet", ".h5"]), st.data())
 def test_a_mangled_file_is_read_or_refused_but_never_a_traceback(suffix, data):
     content = bytearray(FILES[suffix])
     match data.draw(st.sampled_from(["cut", "flip", "insert", "noise"])):
@@ -145,8 +147,7 @@ def test_a_mangled_file_is_read_or_refused_but_never_a_traceback(suffix, data):
         assert said is None or path.name in said or "map.toml" in said
 
 
-@cases
-@given(st.sampled_from(STUDIES + MAPS), st.data())
+@cases(st.sampled_from(STUDIES + MAPS), st.data())
 def test_a_mangled_study_or_map_is_read_or_refused_with_its_place(path, data):
     lines = path.read_text(encoding="utf-8").splitlines()
     for _ in range(data.draw(st.integers(1, 3))):
