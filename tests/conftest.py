@@ -13,7 +13,7 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from tuning.runtime import with_lab_flags
+from tuning.runs.machine import with_lab_flags
 
 jax.config.update("jax_enable_x64", True)
 

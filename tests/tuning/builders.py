@@ -9,10 +9,10 @@ from typing import Any
 
 import jax
 
-from tuning.problem import Scenario, Stream, draw_scenarios
-from tuning.resources import CONFIGS
-from tuning.seal import SEALED, seal_tables
-from tuning.study import Study, hash_resolved, load_study
+from tuning.files.seal import SEALED, seal_tables
+from tuning.files.shipped import CONFIGS
+from tuning.problem.scenarios import Scenario, Stream, draw_scenarios
+from tuning.study.loading import Study, hash_resolved, load_study
 
 EXAMPLES = sorted(path for path in (CONFIGS / "studies").glob("*.toml") if path.stem != "arm")
 TUNED = sorted((CONFIGS / "tuned").glob("*.toml"))

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import pytest
 
-from tuning import runtime
 from tuning.cli.main import run
+from tuning.runs import machine
 
 
 class Ended(NamedTuple):
@@ -22,7 +22,7 @@ class Ended(NamedTuple):
 @pytest.fixture
 def vsajax(monkeypatch, capsys) -> Callable[..., Ended]:
     """Run a command line in this process, whose jax `tests/conftest.py` has configured already."""
-    monkeypatch.setattr(runtime, "start_jax", lambda: None)
+    monkeypatch.setattr(machine, "start_jax", lambda: None)
 
     def call(*arguments: object) -> Ended:
         capsys.readouterr()

@@ -11,10 +11,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, WINDOW, scenarios_of, small_antagonistic
-from tuning.grid import Grid
-from tuning.problem import Problem
-from tuning.study import load_study
-from tuning.tune import Search
+from tuning.problem.scenarios import Problem
+from tuning.scoring.grid import Grid
+from tuning.search.refine import Search
+from tuning.study.loading import load_study
 
 R2 = (
     "excitation.motor1={type='sine', amplitude=3.0, frequency=0.5}",

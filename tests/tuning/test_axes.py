@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tuning.axes import Axis, Bounds, parse_axis
-from tuning.errors import InputError
+from tuning.files.errors import InputError
+from tuning.study.ranges import Axis, Bounds, parse_axis
 
 positive = st.floats(1e-12, 1e12)
 

@@ -15,8 +15,8 @@ from tuning.bench import damping, measure, opponent, record
 from tuning.bench.kernels import KERNELS
 from tuning.bench.measure import Row, measure_kernel
 from tuning.bench.workload import AGREEMENT, Kernel, Workload
-from tuning.build import with_leaves
-from tuning.errors import InputError
+from tuning.files.errors import InputError
+from tuning.problem.build import with_leaves
 from vsajax import closed_loop
 
 TWINS = ["awas_plant", "antagonistic_plant", "serial_estimator", "sweep", "algebraic_observer"]

@@ -11,13 +11,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, tiny_tuning
-from tuning import blackbox
-from tuning.blackbox import BlackBox, Trial, explore, find_front, plan_blackbox, read_trials
-from tuning.errors import InputError
-from tuning.judging import Judgement
-from tuning.store import RunStore, read_manifest
-from tuning.study import Study, load_study, numeric_paths, resolved
-from tuning.tune import Search, plan_search
+from tuning.files.errors import InputError
+from tuning.runs.folder import RunStore, read_manifest
+from tuning.scoring.intervals import Judgement
+from tuning.search import blackbox
+from tuning.search.blackbox import BlackBox, Trial, explore, find_front, plan_blackbox, read_trials
+from tuning.search.refine import Search, plan_search
+from tuning.study.loading import Study, load_study, numeric_paths, resolved
 from vsajax import Scores
 
 BLANK = Judgement("mean", 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0, 1, np.ones(1))
@@ -312,7 +312,7 @@ def test_a_black_box_refuses_what_it_cannot_tune():
 @pytest.mark.cli
 @pytest.mark.usefixtures("unjudged")
 def test_a_front_is_reported_drawn_and_interrupted_from_the_shell(vsajax, monkeypatch, tmp_path):
-    from tuning.study import to_toml
+    from tuning.study.loading import to_toml
 
     path = tmp_path / "study.toml"
     path.write_text(to_toml(resolved(chosen_laws())))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import PRIOR, SERIAL, SMALL, TINY
-from tuning.compare import Contender
-from tuning.judging import equal_to_rounding, judge, paired_interval
-from tuning.statistic import Statistic
-from tuning.study import Tune
+from tuning.scoring.comparison import Contender
+from tuning.scoring.intervals import equal_to_rounding, judge, paired_interval
+from tuning.study.loading import Tune
+from tuning.study.statistic import Statistic
 
 RNG = np.random.default_rng(5)
 MEAN = Statistic()

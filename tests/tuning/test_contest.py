@@ -7,10 +7,10 @@ import json
 import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, tiny_tuning
-from tuning.contest import contest
-from tuning.errors import InputError
-from tuning.resources import CONFIGS
-from tuning.study import load_study, numeric_paths, structures, study_hash
+from tuning.files.errors import InputError
+from tuning.files.shipped import CONFIGS
+from tuning.search.contest import contest
+from tuning.study.loading import load_study, numeric_paths, structures, study_hash
 
 DAMPING = CONFIGS / "contests" / "damping.toml"
 LAW = "estimator.fit.law"

@@ -20,18 +20,18 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import PRIOR, SERIAL, SMALL, TINY, edit_manifest, small_serial, tiny_tuning
-from tuning.blackbox import BlackBox, explore
-from tuning.errors import InputError
-from tuning.executors import _collected
-from tuning.inputs import hash_inputs
-from tuning.lock import lock_folder
+from tuning.files.errors import InputError
+from tuning.files.seal import SEALED, Digest
+from tuning.files.tables import put
 from tuning.report.gather import load_best, open_finished
-from tuning.seal import SEALED, Digest
-from tuning.store import RunStore, open_run, read_manifest, read_results, write_sealed
-from tuning.study import hash_resolved, numeric_paths, resolved, study_hash, to_toml
-from tuning.tables import put
-from tuning.tune import Search
-from tuning.work import planner_of, result_file, spec_of
+from tuning.runs.executors import _collected
+from tuning.runs.folder import RunStore, open_run, read_manifest, read_results, write_sealed
+from tuning.runs.lock import lock_folder
+from tuning.runs.workers import planner_of, result_file, spec_of
+from tuning.search.blackbox import BlackBox, explore
+from tuning.search.refine import Search
+from tuning.study.inputs import hash_inputs
+from tuning.study.loading import hash_resolved, numeric_paths, resolved, study_hash, to_toml
 from vsajax import Scores
 
 ROOT = Path(__file__).parents[2]
@@ -405,7 +405,7 @@ def test_files_of_every_structure_belong_to_the_run(tmp_path):
 HOLDER = """
 import sys, time
 from pathlib import Path
-from tuning.lock import lock_folder
+from tuning.runs.lock import lock_folder
 held = lock_folder(Path(sys.argv[1]))
 print("held", flush=True)
 time.sleep(60)
@@ -675,7 +675,7 @@ def edit_study(run: Path) -> None:
 
 SLOW_SEARCH = """
 import time
-from tuning.blackbox import BlackBox
+from tuning.search.blackbox import BlackBox
 from tuning.cli import main
 
 told = BlackBox.evaluate

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tuning.control_problem import ControlProblem, problem_of
-from tuning.problem import Problem, draw_scenarios
-from tuning.resources import CONFIGS
-from tuning.study import DampingStudy, load_study, numeric_paths, resolved, to_toml
+from tuning.files.shipped import CONFIGS
+from tuning.problem.interface import ControlProblem, problem_of
+from tuning.problem.scenarios import Problem, draw_scenarios
+from tuning.study.loading import DampingStudy, load_study, numeric_paths, resolved, to_toml
 
 DAMPING = CONFIGS / "studies" / "damping.toml"
 SHORT = ("clock.duration=0.6", "scenarios={train=4, held_out=6}")

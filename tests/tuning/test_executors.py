@@ -19,13 +19,15 @@ import psutil
 import pytest
 
 from tests.tuning.builders import NOISE, PRIOR, SERIAL, SMALL, TINY, tiny_serial
-from tuning import executors, scheduler, sweep, work
-from tuning.cli.options import executor_for
-from tuning.errors import InputError
-from tuning.executors import DaskExecutor, Executor, Inline, SlurmExecutor, complete
-from tuning.store import RunStore
-from tuning.sweep import GridSweep
-from tuning.work import planner_of, run_chunk, run_share, spec_of
+from tuning.files.errors import InputError
+from tuning.runs import executors, scheduler
+from tuning.runs import workers as work
+from tuning.runs.executors import DaskExecutor, Executor, Inline, SlurmExecutor, complete
+from tuning.runs.folder import RunStore
+from tuning.runs.workers import planner_of, run_chunk, run_share, spec_of
+from tuning.scoring import sweep
+from tuning.scoring.sweep import GridSweep
+from tuning.terminal.options import executor_for
 
 POINTS = 16
 AXES = {PRIOR: [0.1 * (i + 1) for i in range(POINTS)], NOISE: [0.01, 0.03]}

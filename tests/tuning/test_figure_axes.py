@@ -9,11 +9,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tuning.blackbox import Trial, find_front
-from tuning.figures import draw_sweep
-from tuning.front_figure import draw_front
-from tuning.report import pictures
-from tuning.sweep import say_edges
+from tuning.pictures.style import draw_sweep
+from tuning.report.pictures import scores as pictures
+from tuning.report.pictures.fronts import draw_front
+from tuning.scoring.sweep import say_edges
+from tuning.search.blackbox import Trial, find_front
 
 PRIOR, GAIN = "estimator.fit.prior_scale", "estimator.torque.observer_gain"
 

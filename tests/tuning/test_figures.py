@@ -9,12 +9,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from tests.tuning.builders import FORGETTING, GAIN, PRIOR
-from tuning.errors import InputError
-from tuning.figures import draw_estimate, draw_recording, draw_sweep, draw_tuning, save
+from tuning.files.errors import InputError
+from tuning.kinds.log.answer import Answer
 from tuning.logs.clock import ClockReport
 from tuning.logs.reading import RecordingTable
 from tuning.logs.signal_map import canonical_map
-from tuning.single import Answer
+from tuning.pictures.style import draw_estimate, draw_recording, draw_sweep, draw_tuning, save
 
 TIME = np.linspace(0.0, 1.0, 50)
 SIGNALS = {

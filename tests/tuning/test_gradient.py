@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import SERIAL, tiny_tuning
-from tuning.gradient import GradientTuner
-from tuning.study import load_study
-from tuning.tune import Search
+from tuning.search.least_squares import GradientTuner
+from tuning.search.refine import Search
+from tuning.study.loading import load_study
 from vsajax import sensitivity
 
 POINTS = 5

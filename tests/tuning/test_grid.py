@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SEA, small_serial
-from tuning import grid as grid_module
-from tuning.build import with_leaves
-from tuning.grid import Grid, is_torque_only
-from tuning.problem import Problem, draw_scenarios
-from tuning.study import load_study
+from tuning.problem.build import with_leaves
+from tuning.problem.scenarios import Problem, draw_scenarios
+from tuning.scoring import grid as grid_module
+from tuning.scoring.grid import Grid, is_torque_only
+from tuning.study.loading import load_study
 from vsajax import Scores, experiment
 
 NOISE, BIAS, SPRING = "sensing.motor_torque.noise_std", "sensing.elastic_torque.bias", "joint.spring.linear"

@@ -17,14 +17,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import NOISE, PRIOR, SERIAL, SMALL, TINY
-from tuning import sweep
+from tuning.scoring import sweep
 
 ROOT = Path(__file__).parents[2]
 POINTS = 12
 # The installed command, but with one point a chunk, and chunks that last long enough to be cut off.
 SLOWED = """
 import os, signal, time
-from tuning import sweep
+from tuning.scoring import sweep
 from tuning.cli import main
 
 sweep._STEPS_PER_CHUNK = 1.0

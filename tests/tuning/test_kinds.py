@@ -7,14 +7,14 @@ import re
 
 import pytest
 
-from tuning.arm.study import load_arm_study
-from tuning.errors import InputError
-from tuning.kinds import FILE_KINDS, ONLY_IN_STUDIES, kind_of
+from tuning.files.errors import InputError
+from tuning.files.shipped import CONFIGS, shipped_files
+from tuning.files.toml import read_toml
+from tuning.kinds.arm.study import load_arm_study
+from tuning.kinds.log.study import load_log_study
 from tuning.logs.signal_map import read_signal_map
-from tuning.logs.study import load_log_study
-from tuning.resources import CONFIGS, shipped_files
-from tuning.schema import read_toml
-from tuning.study import Config, DampingStudy, EstimationStudy, load_config, load_study
+from tuning.study.kinds import FILE_KINDS, ONLY_IN_STUDIES, kind_of
+from tuning.study.loading import Config, DampingStudy, EstimationStudy, load_config, load_study
 
 LOADERS = {
     "a study of a simulated joint": load_study,

@@ -9,12 +9,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import GAIN, RESIDUAL, SERIAL, SMALL, TINY, tiny_serial
-from tuning import montecarlo as module
-from tuning.executors import Inline
-from tuning.montecarlo import MonteCarlo, run_population
-from tuning.problem import Problem, Status
-from tuning.robustness import has_failed, probability, quantile
-from tuning.single import member, simulate_recording
+from tuning.kinds.log.answer import member, simulate_recording
+from tuning.problem.scenarios import Problem, Status
+from tuning.runs.executors import Inline
+from tuning.scoring import montecarlo as module
+from tuning.scoring.montecarlo import MonteCarlo, run_population
+from tuning.scoring.summary import has_failed, probability, quantile
 from vsajax import Scores
 
 VARY = (

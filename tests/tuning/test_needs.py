@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from tests.tuning.builders import ANTAGONISTIC, EXAMPLES, PRIOR, SEA, SERIAL, TUNED
-from tuning import needs
-from tuning.build import build_estimator
-from tuning.errors import InputError
-from tuning.limits import Need, in_bytes, in_count, in_time, limits, product, require
-from tuning.needs import features_of, of_study, of_sweep
-from tuning.resources import CONFIGS
-from tuning.study import Config, load_config, load_study, with_grid
+from tuning.files.errors import InputError
+from tuning.files.shipped import CONFIGS
+from tuning.kinds import needs
+from tuning.kinds.needs import features_of, of_study, of_sweep
+from tuning.problem.build import build_estimator
+from tuning.study.limits import Need, in_bytes, in_count, in_time, limits, product, require
+from tuning.study.loading import Config, load_config, load_study, with_grid
 from vsajax import rollout
 
 DAMPING, ARM = CONFIGS / "studies" / "damping.toml", CONFIGS / "studies" / "arm.toml"

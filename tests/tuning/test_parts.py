@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import vsajax
-from tuning.build import build
-from tuning.logs.files import write_table
-from tuning.parts import base, bench, control, estimators, joints, springs
-from tuning.parts.base import Part
+from tuning.files.columns import write_table
+from tuning.problem.build import build
+from tuning.study.parts import base, bench, control, estimators, joints, springs
+from tuning.study.parts.base import Part
 
 LINK, MOTOR = {"inertia": 0.1, "damping": 0.2}, {"inertia": 1e-4, "damping": 1e-3}
 SPRING = {"type": "linear", "rate": 10.0}

@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 
 from tests.tuning.builders import small_serial
-from tuning.errors import InputError
-from tuning.population import Population
-from tuning.problem import draw_scenarios
+from tuning.files.errors import InputError
+from tuning.problem.scenarios import draw_scenarios
+from tuning.study.population import Population
 
 SHARES = (np.arange(4000) + 0.5) / 4000
 INERTIA, RATE = "joint.motor.inertia", "joint.spring.spring_rate"

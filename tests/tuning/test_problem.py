@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SEA, scenarios_of, small_serial
-from tuning.build import with_leaves
-from tuning.errors import InputError
-from tuning.integration import try_substeps
-from tuning.problem import Given, Problem, draw_scenarios
-from tuning.study import load_study
+from tuning.files.errors import InputError
+from tuning.kinds.estimation.substeps import try_substeps
+from tuning.problem.build import with_leaves
+from tuning.problem.scenarios import Given, Problem, draw_scenarios
+from tuning.study.loading import load_study
 from vsajax import sensitivity
 
 SHORT_SEA = ("clock.duration=0.2", "sweep={}", "tune={}")

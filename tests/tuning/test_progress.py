@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tuning.progress import progress
+from tuning.terminal.progress import progress
 
 
 def printed(capsys, *, quiet: bool) -> tuple[str, str]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import PRIOR, SERIAL, SMALL, TINY
-from tuning.population import METRICS, Population
-from tuning.remedies import advise, find_remedy
-from tuning.robustness import summarise
+from tuning.scoring.remedies import advise, find_remedy
+from tuning.scoring.summary import summarise
+from tuning.study.population import METRICS, Population
 
 RNG = np.random.default_rng(11)
 SIZE = 4000

@@ -15,20 +15,20 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, TINY, edit_manifest
-from tuning import runtime
 from tuning.cli.main import run as run_command
-from tuning.figures import new_figure
+from tuning.files.shipped import CONFIGS
+from tuning.kinds.estimation.traces import Replay
+from tuning.pictures.style import new_figure
 from tuning.report import page, pictures, tables
 from tuning.report.compose import report_run
 from tuning.report.effort import effort_of, tabulate_effort
 from tuning.report.gather import Contestant, open_finished, short_names
-from tuning.report.replay import Replay
 from tuning.report.searches import what_is_tuned
-from tuning.resources import CONFIGS
-from tuning.robustness import Interval
-from tuning.statistic import Statistic
-from tuning.store import RunStore, columns_of, open_run, read_manifest, read_results
-from tuning.study import load_config, load_study, resolved, to_toml, with_numbers
+from tuning.runs import machine
+from tuning.runs.folder import RunStore, columns_of, open_run, read_manifest, read_results
+from tuning.scoring.summary import Interval
+from tuning.study.loading import load_config, load_study, resolved, to_toml, with_numbers
+from tuning.study.statistic import Statistic
 
 SHORT = [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]
 DAMPING = CONFIGS / "studies" / "damping.toml"
@@ -62,7 +62,7 @@ def runs(tmp_path_factory):
     """A finished run of every command, and another Monte Carlo run of the same robots."""
     folder = tmp_path_factory.mktemp("runs")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runtime, "start_jax", lambda: None)
+        patch.setattr(machine, "start_jax", lambda: None)
         for command, words in WORDS.items():
             assert run_command([command, str(SERIAL), "-o", str(folder / command), "-q", *SHORT, *words]) == 0
         other = ["--set", "estimator.fit.prior_scale=0.01", *WORDS["montecarlo"]]
@@ -263,7 +263,7 @@ def contested(runs, tmp_path):
         shutil.copy(source, ran / options / "best.toml")
     files = [str(ran / options / "best.toml") for options in ("rigid", "memory")]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runtime, "start_jax", lambda: None)
+        patch.setattr(machine, "start_jax", lambda: None)
         assert run_command(["compare", *files, "-s", str(SERIAL), "-o", str(ran / "compare"), "-q", *SHORT]) == 0
     return ran.rename(tmp_path / "contest")
 

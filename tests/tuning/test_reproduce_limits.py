@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tuning.reproduce.antagonistic import worst_errors
+from tuning.papers.antagonistic.rows import worst_errors
 from vsajax import rollout
 from vsajax.estimators import RecursiveLeastSquares
 

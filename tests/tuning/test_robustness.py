@@ -9,9 +9,9 @@ import pytest
 from scipy import stats
 
 from tests.tuning.builders import small_serial
-from tuning.population import METRICS, Population
-from tuning.problem import Status
-from tuning.robustness import has_failed, probability, quantile, sobol_influences, summarise, write_summary
+from tuning.problem.scenarios import Status
+from tuning.scoring.summary import has_failed, probability, quantile, sobol_influences, summarise, write_summary
+from tuning.study.population import METRICS, Population
 
 RNG = np.random.default_rng(1)
 FACTORS = ("x1", "x2", "x3", "noise draw")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tuning.runtime import usable_cores, with_lab_flags
+from tuning.runs.machine import usable_cores, with_lab_flags
 
 
 def test_flags_that_are_not_given_are_added():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tests.tuning.builders import PRIOR, SEA, SERIAL
-from tuning.errors import InputError
-from tuning.study import load_config, load_study
+from tuning.files.errors import InputError
+from tuning.study.loading import load_config, load_study
 
 
 def said(*settings: str, study=SERIAL) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from tests.tuning.builders import ANTAGONISTIC, SEA, SERIAL
-from tuning.errors import InputError
-from tuning.resources import preset_path
-from tuning.schema import read_toml
-from tuning.study import load_config, load_study, resolved, study_hash
+from tuning.files.errors import InputError
+from tuning.files.shipped import preset_path
+from tuning.files.toml import read_toml
+from tuning.study.loading import load_config, load_study, resolved, study_hash
 
 
 def said(*settings: str) -> str:

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SERIAL
-from tuning.grid import Grid, lane_program
-from tuning.problem import Problem, draw_scenarios
-from tuning.study import load_study
+from tuning.problem.scenarios import Problem, draw_scenarios
+from tuning.scoring.grid import Grid, lane_program
+from tuning.study.loading import load_study
 
 GAINS, PRIORS = [10.0 * 2.0**i for i in range(8)], [10.0**-i for i in range(8)]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tuning.resources import CONFIGS
-from tuning.single import _why_unknown  # pyright: ignore[reportPrivateUsage]
-from tuning.study import load_config
+from tuning.files.shipped import CONFIGS
+from tuning.kinds.log.answer import _why_unknown  # pyright: ignore[reportPrivateUsage]
+from tuning.study.loading import load_config
 
 
 @pytest.mark.failure

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tuning.axes import Bounds
-from tuning.space import Space
+from tuning.search.space import Space
+from tuning.study.ranges import Bounds
 
 BOUNDS = {
     "gain": Bounds(low=3.0, high=1500.0),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tuning.statistic import Statistic
+from tuning.study.statistic import Statistic
 
 SCORES = np.random.default_rng(0).exponential(size=(3, 37))
 

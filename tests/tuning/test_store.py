@@ -12,10 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import PRIOR, small_serial
-from tuning import store as store_module
-from tuning.errors import InputError
-from tuning.store import RunStore, open_run, write_text
-from tuning.study import parse_study, study_hash
+from tuning.files.errors import InputError
+from tuning.runs import folder as store_module
+from tuning.runs.folder import RunStore, open_run, write_text
+from tuning.study.loading import parse_study, study_hash
 
 CHUNKS = ["a", "b", "c"]
 PLAN = {"axes": {PRIOR: [0.1, 1.0]}, "scenarios": 2}

@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import PRIOR, SERIAL, SMALL, tiny_serial
-from tuning.errors import InputError
-from tuning.figures import draw_sweep
-from tuning.study import grid_structures, load_study, structural_paths, study_hash, with_grid
-from tuning.sweep import plan_sweep
+from tuning.files.errors import InputError
+from tuning.pictures.style import draw_sweep
+from tuning.scoring.sweep import plan_sweep
+from tuning.study.loading import grid_structures, load_study, structural_paths, study_hash, with_grid
 
 GAIN, TYPE = "estimator.torque.observer_gain", "estimator.torque.type"
 TERMS, MATCHED = "estimator.basis.deflection_terms", "estimator.matched"

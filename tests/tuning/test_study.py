@@ -14,11 +14,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.tuning.builders import EXAMPLES, PRIOR, SERIAL, TUNED
-from tuning.build import build, build_bench, build_controller, build_estimator, build_loop, number, with_leaves
-from tuning.parts.joints import SerialJoint
-from tuning.resources import preset_path
-from tuning.schema import read_toml, validate
-from tuning.study import (
+from tuning.files.shipped import preset_path
+from tuning.files.toml import read_toml, validate
+from tuning.problem.build import (
+    build,
+    build_bench,
+    build_controller,
+    build_estimator,
+    build_loop,
+    number,
+    with_leaves,
+)
+from tuning.study.loading import (
     DampingStudy,
     load_config,
     load_study,
@@ -29,6 +36,7 @@ from tuning.study import (
     to_toml,
     with_numbers,
 )
+from tuning.study.parts.joints import SerialJoint
 from vsajax.plants import awas
 
 NUMBERS = numeric_paths(load_study(SERIAL))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tests.tuning.builders import SERIAL
-from tuning.errors import InputError
-from tuning.tables import DEEPEST, parse_toml, with_settings
+from tuning.files.errors import InputError
+from tuning.files.tables import DEEPEST, parse_toml, with_settings
 
 DIGITS = "1" + 20 * "0"
 NESTED = 500

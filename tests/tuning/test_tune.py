@@ -12,13 +12,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import FORGETTING, GAIN, PRIOR, RESIDUAL, tiny_tuning
-from tuning.errors import InputError
-from tuning.gradient import GradientTuner, Outcome
-from tuning.grid import Grid
-from tuning.judging import Judgement
-from tuning.problem import Problem
-from tuning.study import load_study, numeric_paths, resolved, study_hash
-from tuning.tune import Search, Tuned, plan_search, tune
+from tuning.files.errors import InputError
+from tuning.problem.scenarios import Problem
+from tuning.scoring.grid import Grid
+from tuning.scoring.intervals import Judgement
+from tuning.search.least_squares import GradientTuner, Outcome
+from tuning.search.refine import Search, Tuned, plan_search, tune
+from tuning.study.loading import load_study, numeric_paths, resolved, study_hash
 
 METHODS = {"gradient": 2, "grid": 0, "hybrid": 2}
 """Starts of each method."""

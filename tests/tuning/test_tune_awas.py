@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from tests.tuning.builders import SERIAL
-from tuning.study import load_study
-from tuning.tune import Search, tune
+from tuning.search.refine import Search, tune
+from tuning.study.loading import load_study
 
 STARTS = 5
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tuning.resources import shipped_files
+from tuning.files.shipped import shipped_files
 
 ROOT = Path(__file__).parents[2]
 STUDY = ("--set", "clock.duration=0.2", "--set", "sweep={}", "--set", "tune={}")
@@ -56,7 +56,7 @@ def test_what_a_wheel_holds_is_enough_away_from_the_checkout(laid_out, tmp_path)
     vsajax("init", "sea", "mine.toml")
     assert "valid study" in vsajax("check", "mine.toml")
     assert "valid signal map" in vsajax("check", "shipped:logs/hebi")
-    where = "import tuning, tuning.resources as r; print(tuning.__file__, r.CONFIGS)"
+    where = "import tuning, tuning.files.shipped as r; print(tuning.__file__, r.CONFIGS)"
     package, configs = _run(sys.executable, "-c", where, folder=elsewhere, path=laid_out).split()
     assert Path(package).is_relative_to(laid_out)
     assert Path(configs).is_relative_to(laid_out)

@@ -12,7 +12,7 @@ from tuning.bench.joints import MENARD_SUBSTEPS, problem_of
 from tuning.bench.opponent import Opponent
 from tuning.bench.recordings import Lanes, intervals_of, record_joints
 from tuning.bench.workload import Kernel, Workload
-from tuning.build import number
+from tuning.problem.build import number
 from vsajax import Bench, experiment, rollout
 from vsajax.estimators import windows
 

@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 
 from tuning.bench.workload import Kernel, Workload
-from tuning.build import with_leaves
-from tuning.control_problem import ControlProblem
-from tuning.problem import draw_scenarios
-from tuning.resources import example_path
-from tuning.study import DampingStudy, load_study
+from tuning.files.shipped import example_path
+from tuning.problem.build import with_leaves
+from tuning.problem.interface import ControlProblem
+from tuning.problem.scenarios import draw_scenarios
+from tuning.study.loading import DampingStudy, load_study
 from vsajax import ControlLoop, closed_loop, rollout
 
 _CONTROLLER = "controller={type='switch', soft=0.3, stiff=1.0, rule={type='conic', lead=0.03, slope=9.0}}"

@@ -11,10 +11,10 @@ import numpy as np
 
 from tuning.bench.opponent import Opponent
 from tuning.bench.workload import Kernel, Workload
-from tuning.build import number, with_leaves
-from tuning.problem import Problem
-from tuning.resources import example_path
-from tuning.study import load_estimation
+from tuning.files.shipped import example_path
+from tuning.problem.build import number, with_leaves
+from tuning.problem.scenarios import Problem
+from tuning.study.loading import load_estimation
 from vsajax import Bench, experiment, rollout
 
 Kind = Literal["serial", "antagonistic"]

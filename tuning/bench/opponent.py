@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tuning.errors import input_error
-from tuning.runtime import cache_folder, usable_cores
+from tuning.files.errors import input_error
+from tuning.runs.machine import cache_folder, usable_cores
 
 _INSTALLED = Path(__file__).parents[1] / "benchmarks"
 BENCHMARKS = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "benchmarks"

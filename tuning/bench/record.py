@@ -9,8 +9,8 @@ from pathlib import Path
 
 from tuning.bench.measure import Row
 from tuning.bench.opponent import BENCHMARKS, processor
-from tuning.errors import input_error
-from tuning.runtime import usable_cores
+from tuning.files.errors import input_error
+from tuning.runs.machine import usable_cores
 
 RECORD = BENCHMARKS / "record.json"
 WORSE = 1.25

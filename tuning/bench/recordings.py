@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from tuning.bench.joints import AWAS, MENARD, Kind, spread
-from tuning.build import with_leaves
-from tuning.problem import Problem
+from tuning.problem.build import with_leaves
+from tuning.problem.scenarios import Problem
 from vsajax import Bench, Recording, experiment, rollout
 
 _SIGNALS: dict[Kind, tuple[str, ...]] = {

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from tuning.bench.kernels import KERNELS
 from tuning.bench.measure import nanoseconds_per_step, temporary_bytes
 from tuning.bench.workload import Workload
-from tuning.runtime import usable_cores
+from tuning.runs.machine import usable_cores
 
 LANES = (64, 256, 1024, 4096, 16384)
 DURATIONS = (1.0, 5.0, 20.0)
@@ -83,7 +83,7 @@ def cost_on(name: str, cores: int, seconds: float) -> float:
     code = (
         "import os, json\n"
         f"os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:{cores}])\n"
-        "from tuning.runtime import start_jax\nstart_jax()\n"
+        "from tuning.runs.machine import start_jax\nstart_jax()\n"
         "from tuning.bench.scaling import _costs\n"
         f"print(json.dumps(_costs({name!r}, [512], {seconds!r})[512]))"
     )

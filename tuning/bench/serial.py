@@ -14,10 +14,10 @@ from tuning.bench.joints import AWAS_SUBSTEPS, problem_of
 from tuning.bench.opponent import Opponent
 from tuning.bench.recordings import Lanes, intervals_of, record_joints
 from tuning.bench.workload import Kernel, Workload
-from tuning.build import number, with_leaves
-from tuning.gradient import LANES_PER_CHUNK
-from tuning.grid import Grid
-from tuning.problem import Problem, draw_scenarios
+from tuning.problem.build import number, with_leaves
+from tuning.problem.scenarios import Problem, draw_scenarios
+from tuning.scoring.grid import Grid
+from tuning.search.least_squares import LANES_PER_CHUNK
 from vsajax import Bench, Scores, experiment, rollout, sensitivity
 
 GAIN, PRIOR = "estimator.torque.observer_gain", "estimator.fit.prior_scale"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tuning.cli.following import words
-from tuning.cli.options import JSON, QUIET, emit, table
+from tuning.terminal.options import JSON, QUIET, emit, table
 
 if TYPE_CHECKING:
     from tuning.bench.measure import Row
@@ -40,7 +40,7 @@ def bench(
     quiet: bool,
 ) -> None:
     """Time the kernels, compilation apart; exit 1 where a limit or the agreement with C does not hold."""
-    from tuning.runtime import start_jax
+    from tuning.runs.machine import start_jax
 
     start_jax()
     from dataclasses import asdict
@@ -50,8 +50,8 @@ def bench(
     from tuning.bench.opponent import load_opponent
     from tuning.bench.record import compare_with, read_record, write_record
     from tuning.bench.scaling import measure_scaling
-    from tuning.errors import input_error
-    from tuning.progress import progress
+    from tuning.files.errors import input_error
+    from tuning.terminal.progress import progress
 
     unknown = [name for name in only if name not in KERNELS]
     if unknown:

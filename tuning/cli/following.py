@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from tuning.study import Study
+    from tuning.study.loading import Study
 
 Words = list[str]
 
@@ -67,8 +67,8 @@ def improve(study: Study, path: Path, settings: Sequence[str] = (), *, beside: P
         settings: with which it was read.
         beside: a run folder next to which the next one goes; below `runs` if `None`.
     """
-    from tuning.errors import InputError
-    from tuning.study import load_study
+    from tuning.files.errors import InputError
+    from tuning.study.loading import load_study
 
     try:
         # What was simulated may no longer fit what the study searches.
@@ -87,8 +87,8 @@ def improve(study: Study, path: Path, settings: Sequence[str] = (), *, beside: P
 
 def _method(study: Study) -> str | None:
     """Return how a study can be tuned where the gradient, which is the default, cannot."""
-    from tuning.errors import InputError
-    from tuning.tune import plan_search
+    from tuning.files.errors import InputError
+    from tuning.search.refine import plan_search
 
     try:
         plan_search(study, "gradient", "levenberg-marquardt", "study")
@@ -106,7 +106,7 @@ def after_check(label: str, kind: str, path: Path, settings: Sequence[str]) -> W
         path: the file.
         settings: with which it was read.
     """
-    from tuning import kinds
+    from tuning.study import kinds
 
     match label:
         case kinds.STUDY.name:

@@ -11,20 +11,18 @@ from typing import NoReturn
 
 import click
 
-from tuning.cli import (
-    arms,
-    authoring,
-    bench,
-    comparisons,
-    deployment,
-    inspection,
-    populations,
-    recordings,
-    reports,
-    results,
-    searches,
-)
-from tuning.errors import InputError, input_error
+from tuning.cli.bench import bench
+from tuning.cli.compare import compare, contest
+from tuning.cli.doctor import doctor
+from tuning.cli.export import export
+from tuning.cli.init import check, init
+from tuning.cli.montecarlo import montecarlo
+from tuning.cli.report import report
+from tuning.cli.reproduce import reproduce
+from tuning.cli.simulate import estimate, simulate
+from tuning.cli.tune import sweep, tune
+from tuning.files.errors import InputError, input_error
+from tuning.kinds.arm.commands import poses, stiffness, workspace
 
 DONE, NOT_HELD, BAD_INPUT, INTERRUPTED = 0, 1, 2, 3
 
@@ -39,23 +37,23 @@ def cli() -> None:
 
 
 for command in (
-    authoring.init,
-    authoring.check,
-    recordings.simulate,
-    recordings.estimate,
-    searches.sweep,
-    populations.montecarlo,
-    searches.tune,
-    comparisons.compare,
-    comparisons.contest,
-    arms.stiffness,
-    arms.workspace,
-    arms.poses,
-    reports.report,
-    results.reproduce,
-    deployment.export,
-    bench.bench,
-    inspection.doctor,
+    init,
+    check,
+    simulate,
+    estimate,
+    sweep,
+    montecarlo,
+    tune,
+    compare,
+    contest,
+    stiffness,
+    workspace,
+    poses,
+    report,
+    reproduce,
+    export,
+    bench,
+    doctor,
 ):
     cli.add_command(command)
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tuning.arm.study import ArmStudy, check_task, is_arm_study, load_arm_study
-from tuning.errors import InputError
-from tuning.schema import read_toml, validate
-from tuning.study import Base, load_config, parse_config
+from tuning.files.errors import InputError
+from tuning.files.toml import read_toml, validate
+from tuning.kinds.arm.study import ArmStudy, check_task, is_arm_study, load_arm_study
+from tuning.study.loading import Base, load_config, parse_config
 
 Exportable = Base | ArmStudy
 

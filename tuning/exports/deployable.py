@@ -16,7 +16,7 @@ from tuning.exports.names import identifier_of
 from tuning.exports.program import StepProgram, program_of
 from tuning.exports.ranges import Limits, Order, Range, orders_of, range_of
 from tuning.logs.reading import read_recording
-from tuning.parts.base import Part
+from tuning.study.parts.base import Part
 
 
 class Deployable(ABC):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from tuning.arm.study import ArmStudy
-from tuning.errors import input_error
 from tuning.exports.configs import Exportable
-from tuning.exports.controller import DeployableController
 from tuning.exports.deployable import Deployable
-from tuning.exports.designer import DeployableDesigner
-from tuning.exports.estimator import DeployableEstimator
-from tuning.study import Config, DampingStudy
+from tuning.files.errors import input_error
+from tuning.kinds.arm.deployable import DeployableDesigner
+from tuning.kinds.arm.study import ArmStudy
+from tuning.kinds.damping.deployable import DeployableController
+from tuning.kinds.estimation.deployable import DeployableEstimator
+from tuning.study.loading import Config, DampingStudy
 
 
 def deployable_of(config: Exportable, place: str) -> Deployable:

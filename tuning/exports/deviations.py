@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tuning.errors import input_error
-from tuning.resources import located
-from tuning.store import write_text
+from tuning.files.errors import input_error
+from tuning.files.shipped import located
+from tuning.runs.folder import write_text
 
 CONFIGS = ("serial", "antagonistic", "antagonistic_residual", "sea_sensor", "damping")
 """Shipped files."""
@@ -92,7 +92,7 @@ def replaced(page: str, written: str) -> str:
 
 def main(page: Path, *, seconds: float = 10.0) -> None:
     """Measure every row and write the table into a page."""
-    from tuning.runtime import start_jax
+    from tuning.runs.machine import start_jax
 
     start_jax()
     rows = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from html import escape
 
-from tuning.text import plain
+from tuning.files.text import plain
 
 
 def comment_of_c(text: str) -> str:

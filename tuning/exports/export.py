@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tuning.errors import InputError, input_error
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.configs import load_exportable
 from tuning.exports.deployable import Deployable
@@ -19,9 +18,10 @@ from tuning.exports.manifest import manifest_of
 from tuning.exports.names import checked_name
 from tuning.exports.readme import readme_of
 from tuning.exports.recheck import CHECKS, Exported, read_manifest, run_check
-from tuning.store import write_bytes, write_text
-from tuning.study import study_hash
-from tuning.text import plain
+from tuning.files.errors import InputError, input_error
+from tuning.files.text import plain
+from tuning.runs.folder import write_bytes, write_text
+from tuning.study.loading import study_hash
 
 SECONDS = 10.0
 """Length of a golden recording that is simulated [s]."""

@@ -8,8 +8,8 @@ import re
 from functools import cache
 from pathlib import Path
 
-from tuning.errors import input_error
 from tuning.exports.rendering import TEMPLATES
+from tuning.files.errors import input_error
 
 LONGEST = 48
 """Letters of a name; with what is put behind it, C still tells two of them apart (63)."""

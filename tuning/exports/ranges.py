@@ -9,8 +9,8 @@ from typing import Any, get_args
 from annotated_types import Ge, Gt, Le, Lt
 
 from tuning.exports.layout import Path
-from tuning.parts.base import Part
-from tuning.parts.estimators import AlgebraicObserver
+from tuning.study.parts.base import Part
+from tuning.study.parts.estimators import AlgebraicObserver
 
 LARGEST, SMALLEST = 1e15, 1e-30
 """Largest magnitude of an exported parameter in SI units, and the smallest of one that must be positive."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tuning.errors import input_error
 from tuning.exports import checks
+from tuning.files.errors import input_error
 
 CHECKS = Path(checks.__file__).parent
 """The scripts that check an export; copies travel with it."""

@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tuning.errors import input_error
-from tuning.logs.files import LogFile
+from tuning.files.columns import LogFile
+from tuning.files.errors import input_error
 from tuning.logs.findings import Fault
 from tuning.logs.signal_map import PER_SECOND, Clock
 from tuning.logs.streams import column_in

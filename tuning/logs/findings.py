@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from tuning.logs.files import LogFile
+from tuning.files.columns import LogFile
 
 FaultName = Literal[
     "wrapped encoder",

@@ -17,9 +17,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 import pydantic
 
-from tuning.errors import input_error
+from tuning.files.errors import input_error
+from tuning.files.toml import Table
 from tuning.logs.numerals import decimal_mark, grouped_pattern, is_date, is_number
-from tuning.schema import Table
 
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENTS = ("#", "%", "//")

@@ -11,7 +11,8 @@ from typing import Any, cast
 import numpy as np
 import pyarrow as pa
 
-from tuning.errors import InputError, Mistake, input_error, printable
+from tuning.files.columns import LogFile, read_plain_file, write_table
+from tuning.files.errors import InputError, Mistake, input_error, printable
 from tuning.logs.clock import (
     FEWEST_SAMPLES,
     ClockReport,
@@ -26,7 +27,6 @@ from tuning.logs.clock import (
     rows_since,
 )
 from tuning.logs.faults import find_units, find_wraps, resolution
-from tuning.logs.files import LogFile, read_plain_file, write_table
 from tuning.logs.findings import Fault, Samples, is_sound
 from tuning.logs.positions import find_gear, find_rigid
 from tuning.logs.samples import find_held, find_spikes

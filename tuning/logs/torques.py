@@ -21,7 +21,7 @@ from tuning.logs.curves import (
 )
 from tuning.logs.findings import Fault
 from tuning.logs.signal_map import SignalMap
-from tuning.parts.estimators import (
+from tuning.study.parts.estimators import (
     AlgebraicObserver,
     AntagonisticPair,
     Estimator,

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tuning.errors import InputError
-from tuning.judging import unit_of
+from tuning.files.errors import InputError
+from tuning.pictures.page import Picture, Table, number
 from tuning.report import tables
 from tuning.report.elements import Parts, say_difference, say_value, show_distributions, show_traces
 from tuning.report.gather import FinishedRun, contender_file
-from tuning.report.page import Picture, Table, number
-from tuning.report.pictures import short_paths
-from tuning.study import load_config, numeric_paths
+from tuning.report.pictures.scores import short_paths
+from tuning.scoring.intervals import unit_of
+from tuning.study.loading import load_config, numeric_paths
 
 _CONTENDERS = 6
 """Estimators whose traces are shown."""

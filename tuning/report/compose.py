@@ -7,16 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from tuning.report import pictures, tables
+from tuning.pictures.page import Page, Picture
+from tuning.report import tables
 from tuning.report.comparison import describe_comparison, describe_contest
 from tuning.report.effort import show_effort, tabulate_effort
 from tuning.report.elements import say_difference, say_value, show_distributions, show_traces
 from tuning.report.gather import Contestant, FinishedRun, is_paired, short_names
-from tuning.report.page import Page, Picture
-from tuning.report.pictures import UNITS
+from tuning.report.pictures import scores as pictures
+from tuning.report.pictures.scores import UNITS
 from tuning.report.population import describe_population
 from tuning.report.searches import describe_sweep, describe_tuning
-from tuning.study import to_toml
+from tuning.study.loading import to_toml
 
 _DESCRIBE = {
     "montecarlo": describe_population,

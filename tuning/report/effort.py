@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from tuning.figures import new_figure
+from tuning.pictures.page import Picture, Table, number
+from tuning.pictures.style import new_figure
 from tuning.report.gather import FinishedRun
-from tuning.report.page import Picture, Table, number
-from tuning.report.pictures import UNITS
+from tuning.report.pictures.scores import UNITS
 
 _REACHED = 1.01
 """Of the score that all searches reach, what counts as reached."""

@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from tuning.judging import unit_of
-from tuning.population_figures import draw_numbers
-from tuning.report import pictures, tables
+from tuning.kinds.damping.traces import show_swings
+from tuning.kinds.estimation.traces import Replay, replay
+from tuning.pictures.page import Picture, Table, number, signed
+from tuning.report import tables
 from tuning.report.gather import Contestant, FinishedRun
-from tuning.report.page import Picture, Table, number, signed
-from tuning.report.pictures import UNITS
-from tuning.report.replay import Replay, replay
-from tuning.report.swings import show_swings
-from tuning.study import DampingStudy, EstimationStudy
+from tuning.report.pictures import scores as pictures
+from tuning.report.pictures.populations import draw_numbers
+from tuning.report.pictures.scores import UNITS
+from tuning.scoring.intervals import unit_of
+from tuning.study.loading import DampingStudy, EstimationStudy
 
 SHOWN = 32
 """Scenarios in a band over time."""

@@ -11,19 +11,27 @@ from typing import Any
 
 import numpy as np
 
-from tuning.compare import contenders
-from tuning.control_problem import problem_of
-from tuning.errors import InputError, input_error
-from tuning.grid import Grid
-from tuning.inputs import check_inputs
-from tuning.montecarlo import MonteCarlo
-from tuning.population import METRICS
-from tuning.problem import Status, Stream
-from tuning.robustness import Columns, Influence, Interval, Summary, summarise
-from tuning.seal import SEALED, breaks_seal
-from tuning.store import columns_of, is_file, read_manifest, read_results, read_table
-from tuning.study import Study, load_config, load_study, numeric_paths, parse_study, study_hash, with_numbers
-from tuning.sweep import GridSweep, Value, rank
+from tuning.files.errors import InputError, input_error
+from tuning.files.seal import SEALED, breaks_seal
+from tuning.problem.interface import problem_of
+from tuning.problem.scenarios import Status, Stream
+from tuning.runs.folder import columns_of, is_file, read_manifest, read_results, read_table
+from tuning.scoring.comparison import contenders
+from tuning.scoring.grid import Grid
+from tuning.scoring.montecarlo import MonteCarlo
+from tuning.scoring.summary import Columns, Influence, Interval, Summary, summarise
+from tuning.scoring.sweep import GridSweep, Value, rank
+from tuning.study.inputs import check_inputs
+from tuning.study.loading import (
+    Study,
+    load_config,
+    load_study,
+    numeric_paths,
+    parse_study,
+    study_hash,
+    with_numbers,
+)
+from tuning.study.population import METRICS
 
 COMMANDS = ("montecarlo", "sweep", "tune", "compare", "contest")
 _WORST = 5

@@ -8,18 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from tuning.judging import unit_of
-from tuning.population_figures import draw_influences, draw_spread
-from tuning.problem import Status
-from tuning.report import pictures, tables
+from tuning.kinds.damping.traces import show_swings
+from tuning.kinds.estimation.traces import replay
+from tuning.pictures.page import Picture, number
+from tuning.problem.scenarios import Status
+from tuning.report import tables
 from tuning.report.elements import SHOWN, Parts, medians_of, show_band, show_causes
 from tuning.report.gather import FinishedRun
-from tuning.report.page import Picture, number
-from tuning.report.pictures import UNITS, short_paths, short_rows
-from tuning.report.replay import replay
-from tuning.report.swings import show_swings
-from tuning.robustness import has_failed
-from tuning.study import DampingStudy, EstimationStudy
+from tuning.report.pictures import scores as pictures
+from tuning.report.pictures.populations import draw_influences, draw_spread
+from tuning.report.pictures.scores import UNITS, short_paths, short_rows
+from tuning.scoring.intervals import unit_of
+from tuning.scoring.summary import has_failed
+from tuning.study.loading import DampingStudy, EstimationStudy
 
 
 def describe_population(run: FinishedRun) -> Parts:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tuning.figures import NEAR, draw_sweep
-from tuning.population_figures import time_of
-from tuning.report import pictures, tables
+from tuning.pictures.page import Picture, number, valued
+from tuning.pictures.style import NEAR, draw_sweep
+from tuning.report import tables
 from tuning.report.effort import show_effort
 from tuning.report.elements import (
     Parts,
@@ -25,9 +25,10 @@ from tuning.report.elements import (
     show_traces,
 )
 from tuning.report.gather import Contestant, FinishedRun
-from tuning.report.page import Picture, number, valued
-from tuning.report.pictures import UNITS, short_paths, short_rows
-from tuning.sweep import say_edges
+from tuning.report.pictures import scores as pictures
+from tuning.report.pictures.populations import time_of
+from tuning.report.pictures.scores import UNITS, short_paths, short_rows
+from tuning.scoring.sweep import say_edges
 
 _PAIRS = 6
 """Heat maps of a sweep with many axes."""

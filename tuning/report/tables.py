@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import scipy
 
-from tuning.figures import NEAR, SWING_UNITS
-from tuning.judging import interval, paired_interval
-from tuning.population import METRICS
+from tuning.pictures.page import Table, number, signed, span
+from tuning.pictures.style import NEAR, SWING_UNITS
 from tuning.report.gather import Contestant, FinishedRun
-from tuning.report.page import Table, number, signed, span
-from tuning.report.pictures import UNITS, short_paths
-from tuning.robustness import Interval, Summary
-from tuning.statistic import Statistic
-from tuning.study import resolved
+from tuning.report.pictures.scores import UNITS, short_paths
+from tuning.scoring.intervals import interval, paired_interval
+from tuning.scoring.summary import Interval, Summary
+from tuning.study.loading import resolved
+from tuning.study.population import METRICS
+from tuning.study.statistic import Statistic
 
 _LEVELS = (0.05, 0.5, 0.95)
 _BOOTSTRAP = 8192

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tuning.arm.poses import passive_error
-from tuning.reproduce.cartesian_space import open_example
+from tuning.kinds.arm.poses import passive_error
+from tuning.papers.cartesian.space import open_example
 from vsajax import rollout
 
 POSES = 300

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import yourdfpy
 
-from tuning.arm.robots import build_arm
-from tuning.arm.study import Arm
-from tuning.errors import InputError
-from tuning.reproduce.self_motion import Lengths, scan
-from tuning.resources import CONFIGS
-from tuning.schema import read_toml, validate
+from tuning.files.errors import InputError
+from tuning.files.shipped import CONFIGS
+from tuning.files.toml import read_toml, validate
+from tuning.kinds.arm.robots import build_arm
+from tuning.kinds.arm.study import Arm
+from tuning.papers.cartesian.self_motion import Lengths, scan
 
 GOLDEN = Path(__file__).parents[2] / "golden"
 PANDA = GOLDEN / "panda" / "panda.urdf"

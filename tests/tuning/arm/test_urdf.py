@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tuning.arm import urdf_xml
-from tuning.arm.urdf import read_chain
-from tuning.errors import InputError
+from tuning.files.errors import InputError
+from tuning.kinds.arm import urdf_xml
+from tuning.kinds.arm.urdf import read_chain
 
 LINES = [
     '<?xml version="1.0"?>',

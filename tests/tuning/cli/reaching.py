@@ -8,28 +8,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tuning.logs.files import write_table
+from tuning.files.columns import write_table
 from tuning.logs.signal_map import signals_of
 
 COMPUTES = (
-    "tuning.single.simulate_recording",
-    "tuning.single.simulate_swing",
-    "tuning.single.estimate_recording",
-    "tuning.sweep.GridSweep.open",
-    "tuning.sweep.GridSweep.forecast",
-    "tuning.tune.tune",
-    "tuning.blackbox.explore",
-    "tuning.logs.search.LogSearch.run",
-    "tuning.montecarlo.run_population",
-    "tuning.montecarlo.forecast",
-    "tuning.compare.compare",
-    "tuning.contest._tune",
-    "tuning.arm.single.design_pose",
-    "tuning.arm.workspace.map_workspace",
-    "tuning.arm.poses.improve_poses",
-    "tuning.arm.accuracy.run_accuracy",
+    "tuning.kinds.log.answer.simulate_recording",
+    "tuning.kinds.log.answer.simulate_swing",
+    "tuning.kinds.log.answer.estimate_recording",
+    "tuning.scoring.sweep.GridSweep.open",
+    "tuning.scoring.sweep.GridSweep.forecast",
+    "tuning.search.refine.tune",
+    "tuning.search.blackbox.explore",
+    "tuning.kinds.log.problem.LogSearch.run",
+    "tuning.scoring.montecarlo.run_population",
+    "tuning.scoring.montecarlo.forecast",
+    "tuning.scoring.comparison.compare",
+    "tuning.search.contest._tune",
+    "tuning.kinds.arm.design.design_pose",
+    "tuning.kinds.arm.workspace.map_workspace",
+    "tuning.kinds.arm.poses.improve_poses",
+    "tuning.kinds.arm.accuracy.run_accuracy",
     "tuning.exports.export._check_folder_is_free",
-    "tuning.reproduce.reproduce_paper",
+    "tuning.papers.reproduce_paper",
     "tuning.bench.measure.measure_kernel",
     "tuning.bench.opponent.load_opponent",
 )

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tuning.runtime import heal_cache
+from tuning.runs.machine import heal_cache
 
 ROOT = Path(__file__).parents[3]
 FULL = Path("/dev/full")

@@ -7,10 +7,11 @@ import json
 import pytest
 
 from tests.tuning.builders import SERIAL
-from tuning import reproduce, single
+from tuning import papers
 from tuning.exports import export as exporting
 from tuning.exports.recheck import Exported
-from tuning.reproduce import Report, Row
+from tuning.kinds.log import answer as single
+from tuning.papers import Report, Row
 
 
 def raising(error: BaseException):
@@ -23,7 +24,7 @@ def raising(error: BaseException):
 @pytest.mark.cli
 def test_a_reproduction_out_of_tolerance_ends_with_1_and_says_which_row(vsajax, monkeypatch):
     rows = [Row("good", 1.0, 1.01, "%", 0.9, 1.1), Row("bad", None, 3.0, "rad", 0.0, 1.0, note="corrected")]
-    monkeypatch.setattr(reproduce, "reproduce_paper", lambda *_: [Report("A paper", rows, [])])
+    monkeypatch.setattr(papers, "reproduce_paper", lambda *_: [Report("A paper", rows, [])])
     ended = vsajax("reproduce", "serial", "--json")
     assert ended.code == 1
     result = json.loads(ended.out)
@@ -36,7 +37,7 @@ def test_a_reproduction_out_of_tolerance_ends_with_1_and_says_which_row(vsajax, 
     assert ended.code == 1
     for words in ("A paper", "0.9 … 1.1", "NOT MET", "bad: corrected"):
         assert words in ended.out
-    monkeypatch.setattr(reproduce, "reproduce_paper", lambda *_: [Report("A paper", rows[:1], [])])
+    monkeypatch.setattr(papers, "reproduce_paper", lambda *_: [Report("A paper", rows[:1], [])])
     assert vsajax("reproduce", "serial", "--quiet") == (0, "", "")
 
 

@@ -13,11 +13,11 @@ import pytest
 from tests.tuning.builders import PRIOR, tiny_tuning
 from tuning.cli.following import fresh, improve, sentence, words
 from tuning.cli.main import cli
-from tuning.cli.options import emit
-from tuning.reproduce import Report, Row
-from tuning.resources import shipped_files
-from tuning.study import load_study, resolved, to_toml
-from tuning.sweep import GridSweep, write_winner
+from tuning.files.shipped import shipped_files
+from tuning.papers import Report, Row
+from tuning.scoring.sweep import GridSweep, write_winner
+from tuning.study.loading import load_study, resolved, to_toml
+from tuning.terminal.options import emit
 
 HEBI = Path(__file__).parents[2] / "golden" / "hebi" / "exampleLog.csv"
 
@@ -126,10 +126,10 @@ def test_where_nothing_has_a_score_a_sweep_leaves_no_winner(tmp_path):
 @pytest.mark.cli
 @pytest.mark.parametrize("paper", ["serial", "antagonistic", "damping", "cartesian", "duel", "all"])
 def test_after_a_paper_comes_a_study_of_its_joint(paper, vsajax, here, monkeypatch):
-    from tuning import reproduce
+    from tuning import papers
 
     held = Report("A paper", [Row("good", 1.0, 1.01, "%", 0.9, 1.1)], [])
-    monkeypatch.setattr(reproduce, "reproduce_paper", lambda *_: [held])
+    monkeypatch.setattr(papers, "reproduce_paper", lambda *_: [held])
     typed = following(vsajax("reproduce", paper))
     assert following(vsajax(*typed)) == ["check", typed[2]]
 

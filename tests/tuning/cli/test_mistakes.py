@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SEA, SERIAL, SMALL, TINY
-from tuning.logs.files import write_table
-from tuning.resources import CONFIGS
+from tuning.files.columns import write_table
+from tuning.files.shipped import CONFIGS
 
 CONFIG = CONFIGS / "tuned" / "sea_sensor.toml"
 HEBI = Path(__file__).parents[2] / "golden" / "hebi" / "exampleLog.csv"

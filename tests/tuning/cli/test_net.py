@@ -8,10 +8,10 @@ import re
 import pytest
 
 from tests.tuning.cli.reaching import Reached, reach, write_log
-from tuning import kinds
-from tuning.kinds import kind_of
-from tuning.resources import shipped_files
-from tuning.schema import read_toml
+from tuning.files.shipped import shipped_files
+from tuning.files.toml import read_toml
+from tuning.study import kinds
+from tuning.study.kinds import kind_of
 
 TAKES = {
     "check": [("check", "{file}")],

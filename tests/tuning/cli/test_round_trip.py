@@ -10,13 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, tiny_tuning
-from tuning.arm.study import load_arm_study
-from tuning.judging import judge
-from tuning.logs.files import read_log_file, write_table
-from tuning.resources import CONFIGS
-from tuning.study import Tune, load_config, load_study, resolved, study_hash, to_toml
-from tuning.sweep import Forecast, GridSweep
-from tuning.tune import Search
+from tuning.files.columns import read_log_file, write_table
+from tuning.files.shipped import CONFIGS
+from tuning.kinds.arm.study import load_arm_study
+from tuning.scoring.intervals import judge
+from tuning.scoring.sweep import Forecast, GridSweep
+from tuning.search.refine import Search
+from tuning.study.loading import Tune, load_config, load_study, resolved, study_hash, to_toml
 from vsajax import Scores
 
 KINDS = sorted(path.stem for path in (CONFIGS / "studies").glob("*.toml"))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.tuning.builders import SERIAL
-from tuning.runtime import usable_cores
+from tuning.runs.machine import usable_cores
 
 ROOT = Path(__file__).parents[3]
 VSAJAX = Path(sys.executable).with_name("vsajax")

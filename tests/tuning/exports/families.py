@@ -9,7 +9,7 @@ from tuning.exports.artefact import Subject
 from tuning.exports.configs import load_exportable
 from tuning.exports.deployables import deployable_of
 from tuning.exports.export import subject_of
-from tuning.resources import CONFIGS
+from tuning.files.shipped import CONFIGS
 
 ARM = CONFIGS / "studies" / "arm.toml"
 DAMPING = CONFIGS / "studies" / "damping.toml"

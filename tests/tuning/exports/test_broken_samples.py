@@ -11,7 +11,7 @@ from tuning.exports.checks.checking import deviation
 from tuning.exports.configs import load_exportable
 from tuning.exports.deployables import deployable_of
 from tuning.exports.golden import Golden, answers, assembled, by_name
-from tuning.resources import CONFIGS
+from tuning.files.shipped import CONFIGS
 
 WINDOW = ("estimator.side.window=0.05", "estimator.side.longest_window=0.05", "sweep={}", "tune={}")
 EXPORTS = {

@@ -13,10 +13,10 @@ from tuning.exports.checks.checking import deviation
 from tuning.exports.deployables import deployable_of
 from tuning.exports.golden import make_golden
 from tuning.exports.ranges import Range, range_of
-from tuning.resources import CONFIGS
-from tuning.schema import read_toml
-from tuning.single import simulate_exchange
-from tuning.study import DampingStudy, load_config, parse_study, resolved, study_hash
+from tuning.files.shipped import CONFIGS
+from tuning.files.toml import read_toml
+from tuning.kinds.log.answer import simulate_exchange
+from tuning.study.loading import DampingStudy, load_config, parse_study, resolved, study_hash
 from vsajax import Guarded, Sample
 
 DAMPING = CONFIGS / "studies" / "damping.toml"

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from tests.tuning.exports.native import needs_compiler
-from tuning.arm.problem import build_problem
-from tuning.arm.study import load_arm_study
 from tuning.exports.deployables import deployable_of
 from tuning.exports.golden import assembled
 from tuning.exports.ranges import Range
-from tuning.resources import CONFIGS
+from tuning.files.shipped import CONFIGS
+from tuning.kinds.arm.problem import build_problem
+from tuning.kinds.arm.study import load_arm_study
 from vsajax.control import ArmReading, CartesianImpedance, Status
 from vsajax.control.online import displacement
 

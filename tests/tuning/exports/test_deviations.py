@@ -9,10 +9,10 @@ import pytest
 
 from tests.tuning.exports.families import FAMILIES, subject
 from tests.tuning.exports.native import needs_compiler
-from tuning.errors import InputError
 from tuning.exports.deviations import BEGIN, CONFIGS, END, HEADER, replaced, row, table
 from tuning.exports.export import write_export
-from tuning.resources import located
+from tuning.files.errors import InputError
+from tuning.files.shipped import located
 
 FIGURE = r"(0, every bit|\d\.\de[-+]\d\d \([\w.\[\]]+\))"
 

@@ -12,8 +12,8 @@ import pytest
 
 from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, SERIAL, SMALL, TINY
 from tests.tuning.exports.native import needs_compiler
-from tuning.resources import CONFIGS
-from tuning.study import Config, load_config, resolved, study_hash
+from tuning.files.shipped import CONFIGS
+from tuning.study.loading import Config, load_config, resolved, study_hash
 
 TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]
 SET = [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]

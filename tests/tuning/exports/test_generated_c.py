@@ -15,9 +15,9 @@ from tests.vsajax.estimators.parts import BASES, LAWS
 from tests.vsajax.estimators.registry import ESTIMATORS, full_recording
 from tuning.exports.c99.files import write
 from tuning.exports.c99.generate import generate
-from tuning.exports.estimator import inputs_of, sample_of
 from tuning.exports.flatten import Untraceable
 from tuning.exports.program import program_of, trace
+from tuning.kinds.estimation.deployable import inputs_of, sample_of
 from vsajax import Guarded, Recording, plants
 from vsajax import estimators as es
 from vsajax.numerics import once

@@ -16,8 +16,8 @@ from tuning.exports.c99.generate import generate, member
 from tuning.exports.deployables import deployable_of
 from tuning.exports.program import StepProgram
 from tuning.exports.ranges import Range
-from tuning.resources import CONFIGS
-from tuning.study import load_config
+from tuning.files.shipped import CONFIGS
+from tuning.study.loading import load_config
 
 LEGENDRE = "estimator.basis={type='legendre', lower=-0.1, upper=0.1, order=2}"
 EXPORTS = {

@@ -18,7 +18,6 @@ import pytest
 import yaml
 
 from tests.tuning.exports.native import needs_compiler
-from tuning.errors import InputError
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.configs import load_exportable
 from tuning.exports.deployables import deployable_of
@@ -31,8 +30,9 @@ from tuning.exports.golden import Golden
 from tuning.exports.manifest import manifest_of
 from tuning.exports.names import LONGEST, checked_name, identifier_of
 from tuning.exports.readme import readme_of
-from tuning.resources import CONFIGS
-from tuning.text import plain
+from tuning.files.errors import InputError
+from tuning.files.shipped import CONFIGS
+from tuning.files.text import plain
 
 SENSOR = CONFIGS / "tuned" / "sea_sensor.toml"
 IDENTIFIER = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")

@@ -15,7 +15,7 @@ from tuning.exports.checks.checking import deviation
 from tuning.exports.layout import told
 from tuning.exports.ranges import Range, range_of
 from tuning.exports.units import base_units
-from tuning.study import load_config
+from tuning.study.loading import load_config
 from vsajax.estimators import ResidualTorque
 
 

@@ -17,7 +17,7 @@ from tuning.exports.c99.generate import generate, member
 from tuning.exports.configs import load_exportable
 from tuning.exports.deployables import deployable_of
 from tuning.exports.layout import dotted
-from tuning.resources import CONFIGS
+from tuning.files.shipped import CONFIGS
 
 EXPORTS = {
     "serial": SERIAL,

@@ -14,9 +14,9 @@ from tests.vsajax.estimators.registry import ESTIMATORS, full_recording
 from tuning.exports.c99.files import write
 from tuning.exports.c99.generate import generate, member
 from tuning.exports.deployables import deployable_of
-from tuning.exports.estimator import inputs_of, sample_of
 from tuning.exports.layout import dotted
 from tuning.exports.program import program_of, slot_of
+from tuning.kinds.estimation.deployable import inputs_of, sample_of
 
 AHEAD = 2.0**26
 """Where the sums stand: 18 h of ones at 1 kHz, and four times what single precision counts to."""

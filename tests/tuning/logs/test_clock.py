@@ -11,7 +11,7 @@ import pyarrow.parquet
 import pytest
 from scipy.io import savemat
 
-from tuning.errors import InputError
+from tuning.files.errors import InputError
 from tuning.logs.guess import propose, to_map
 from tuning.logs.reading import read_recording
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tuning.logs.robot_logs import look_at, names, spring_log, with_gap, wrapped, write_spring_log
-from tuning.errors import InputError
+from tuning.files.errors import InputError
 from tuning.logs.faults import resolution
 from tuning.logs.reading import read_recording
 

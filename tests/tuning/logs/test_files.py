@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tuning.errors import InputError
-from tuning.logs.files import SUFFIXES, read_log_file, write_table
+from tuning.files.columns import SUFFIXES, read_log_file, write_table
+from tuning.files.errors import InputError
 
 
 def read_all(path) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from tuning.errors import InputError
+from tuning.files.errors import InputError
 from tuning.logs.formats import read_streams
 from tuning.logs.reading import read_recording
 

@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.tuning.logs.robot_logs import MAP, STEP, look_at, names, spring_log, with_gap, wrapped, write_spring_log
-from tuning.errors import InputError
+from tuning.files.errors import InputError
+from tuning.files.shipped import CONFIGS
+from tuning.kinds.log.study import is_log_study, load_log_study
 from tuning.logs.formats import read_streams
 from tuning.logs.signal_map import read_signal_map
-from tuning.logs.study import is_log_study, load_log_study
-from tuning.resources import CONFIGS
-from tuning.study import load_config
+from tuning.study.loading import load_config
 
 FEW, MANY = 60, 7000
 DEGREES = 180.0 / np.pi

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.tuning.logs.robot_logs import spring_log, with_gap, write_spring_log
-from tuning.resources import CONFIGS
+from tuning.files.shipped import CONFIGS
 
 CONFIG = CONFIGS / "tuned" / "sea_sensor.toml"
 

@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from tuning.files.shipped import CONFIGS
 from tuning.logs.analysis import analyse
 from tuning.logs.reading import read_recording
-from tuning.resources import CONFIGS
 
 CONFIG, LOGS = CONFIGS / "tuned" / "sea_sensor.toml", CONFIGS / "logs"
 ROOT = Path(__file__).parents[3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tuning.errors import InputError
+from tuning.files.errors import InputError
 from tuning.logs.formats import read_streams
 from tuning.logs.guess import propose, to_map
 from tuning.logs.reading import read_recording

@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from tuning.resources import CONFIGS
-from tuning.study import load_config
+from tuning.files.shipped import CONFIGS
+from tuning.study.loading import load_config
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
 QUANSER = DATA / "quanser_flex" / "data_vm.mat"

@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.logs.joints import STEP, recordings
+from tuning.files.shipped import CONFIGS
+from tuning.kinds.log.answer import Answer, estimate_recording, simulate_recording
 from tuning.logs.analysis import Analysis, analyse
 from tuning.logs.reading import read_recording
 from tuning.logs.torques import Assumptions
-from tuning.resources import CONFIGS
-from tuning.single import Answer, estimate_recording, simulate_recording
-from tuning.study import EstimationStudy, load_study
+from tuning.study.loading import EstimationStudy, load_study
 
 Columns = dict[str, np.ndarray]
 NO_OFFSET = Assumptions(has_offset=False)

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tuning.errors import InputError
+from tuning.files.errors import InputError
 from tuning.logs.signal_map import KINDS, Angle, Clock, Signals, Torque, canonical_map, read_signal_map, signals_of
 
 LOG_MAPS = sorted((Path(__file__).resolve().parents[3] / "configs" / "logs").glob("*.toml"))

@@ -31,7 +31,7 @@ def schema() -> Result:
 def read_back() -> Result:
     """See that what is read is what was exported."""
     from tuning.exports.configs import parse_exportable
-    from tuning.study import resolved, study_hash
+    from tuning.study.loading import resolved, study_hash
 
     found = tables()
     config = parse_exportable(found, FILE.name)
@@ -41,7 +41,7 @@ def read_back() -> Result:
 
 def replay() -> Result:
     """Run the step, as it is read from the file, over the golden recording."""
-    from tuning.runtime import start_jax
+    from tuning.runs.machine import start_jax
 
     start_jax()
     import numpy as np

@@ -6,10 +6,10 @@ import json
 from functools import partial
 from typing import Any
 
-from tuning.errors import input_error
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.manifest import SHIPPED
-from tuning.study import resolved, to_toml
+from tuning.files.errors import input_error
+from tuning.study.loading import resolved, to_toml
 
 _USAGE = """```sh
 {command}

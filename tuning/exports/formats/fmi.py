@@ -18,7 +18,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from tuning.errors import input_error
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.c99.files import member, write
 from tuning.exports.c99.generate import generate
@@ -30,6 +29,7 @@ from tuning.exports.program import Slot
 from tuning.exports.ranges import Range
 from tuning.exports.rendering import render
 from tuning.exports.units import base_units
+from tuning.files.errors import input_error
 
 _HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),

@@ -13,8 +13,8 @@ from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.c99.printing import decimal
 from tuning.exports.layout import told
 from tuning.exports.ranges import Range
-from tuning.parts.base import Part
-from tuning.text import plain
+from tuning.files.text import plain
+from tuning.study.parts.base import Part
 
 _USAGE = """```sh
 ros2 run YOUR_PACKAGE YOUR_NODE --ros-args --params-file {name}_params.yaml

@@ -1,0 +1,203 @@
+"""Writing and checking studies; nothing here imports jax."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tuning.cli.following import after_check, start, words
+from tuning.terminal.options import JSON, QUIET, SETTINGS, STUDY, emit
+
+if TYPE_CHECKING:
+    from tuning.files.toml import Table
+    from tuning.study.kinds import FileKind
+    from tuning.study.limits import Need
+
+
+@click.command(epilog="Example: vsajax init serial study.toml")
+@click.argument("kind", required=False)
+@click.argument("file", type=click.Path(path_type=Path), required=False)
+@click.option("--list", "lists", is_flag=True, help="Print every file that ships with vsajax and what it is.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="File; of init map by default LOG's name, .toml."
+)
+@JSON
+@QUIET
+def init(
+    kind: str | None, file: Path | None, lists: bool, output: Path | None, as_json: bool, quiet: bool
+) -> None:
+    """Write a commented study of KIND (serial, sea, damping, arm, …) that runs as it is, to FILE or KIND.toml.
+
+    KIND may be the name of any shipped file, as `vsajax init --list` prints them. `vsajax init map LOG` proposes a
+    signal map of LOG instead, from names and numbers, and explains each guess.
+    """
+    if lists:
+        _list_shipped(as_json=as_json, quiet=quiet)
+        return
+    if kind is None:
+        raise click.MissingParameter(param_hint="'KIND'", param_type="argument")
+    if kind == "map":
+        _init_map(file, output, as_json=as_json, quiet=quiet)
+        return
+    from tuning.files.errors import input_error
+    from tuning.files.shipped import find_shipped
+    from tuning.runs.folder import write_text
+
+    example = find_shipped(kind, f"KIND: got {kind!r}")
+    if file is not None and output is not None:
+        raise click.UsageError("name the file once: as FILE, or by -o")
+    target = file or output or Path(example.name)
+    if target.exists():
+        raise input_error(target, "exists already", "name another file, or remove it first")
+    write_text(target, example.read_text(encoding="utf-8"))
+    following = words("check", target)
+    emit({"study": target}, as_json=as_json, quiet=quiet, text=f"wrote {target}", following=following)
+
+
+def _list_shipped(*, as_json: bool, quiet: bool) -> None:
+    from textwrap import shorten
+
+    from tuning.files.shipped import SHIPPED, shipped_files, summary_of
+
+    said = {name: summary_of(path) for name, path in shipped_files().items()}
+    width = max(map(len, said))
+    lines = [f"{name:<{width}}  {shorten(summary, 110, placeholder=' …')}" for name, summary in said.items()]
+    lines += ["", f"Copy one: vsajax init NAME FILE. Or use it where it lies: {SHIPPED}NAME in place of any path."]
+    emit({"shipped": said}, as_json=as_json, quiet=quiet, text="\n".join(lines), following=start)
+
+
+def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bool) -> None:
+    from dataclasses import asdict
+
+    from tuning.files.errors import input_error, printable
+    from tuning.logs.guess import propose, to_map
+    from tuning.runs.folder import write_text
+
+    if log is None:
+        raise input_error("init map", "no log named", "vsajax init map LOG")
+    target = output or Path(f"{log.stem}.toml")
+    if target.exists():
+        raise input_error(target, "exists already", "name another file with -o, or remove it first")
+    proposal = propose(log)
+    write_text(target, to_map(proposal, log))
+    said = [f"note: {printable(note)}" for note in proposal.notes]
+    said += [f"clock            {printable(proposal.clock[0])}: {printable(proposal.clock[2])}"]
+    said += [f"select           {printable(proposal.select[2])}"] if proposal.select else []
+    said += [
+        f"{guess.name:<16} {printable(guess.column)}: {printable('; '.join(guess.reasons))}"
+        for guess in proposal.guesses
+    ]
+    said += [f"MISSING          {need}, which kind {proposal.kind!r} needs" for need in proposal.lacking]
+    said.append(f"wrote {target}: guesses all, check them; then vsajax estimate {log} --map {target} -c CONFIG")
+    emit(
+        {"map": target, **asdict(proposal)},
+        as_json=as_json,
+        quiet=quiet,
+        text="\n".join(said),
+        following=words("check", target),
+    )
+
+
+@click.command(epilog="Example: vsajax check study.toml --set estimator.fit.prior_scale=0.1")
+@STUDY
+@SETTINGS
+@JSON
+@QUIET
+def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
+    """Validate STUDY and print it in full, every default written out, with its hash.
+
+    Configurations, studies of logs and of arms, signal maps and presets are checked alike.
+    """
+    from tuning.study.limits import require
+    from tuning.study.loading import resolved, study_hash, to_toml
+
+    kind, config = _load(study, settings)
+    require(*_needs_of(config, str(study)))
+    what, tables, digest = kind.label, resolved(config), study_hash(config)
+    notes = _notes_on(config, study)
+    emit(
+        {"ok": True, "what": what, "hash": digest, "notes": notes, "study": tables},
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: "\n".join(
+            [to_toml(tables), *(f"# note: {note}" for note in notes), f"# {study}: valid {what}, hash {digest}"]
+        ),
+        following=lambda: after_check(kind.name, _kind_of_joint(config), study, settings),
+        comment=True,
+    )
+
+
+def _notes_on(config: Table, path: Path) -> list[str]:
+    """Return what is worth knowing of a valid file."""
+    from tuning.kinds.arm.study import ArmStudy, outside_of
+
+    if not isinstance(config, ArmStudy):
+        return []
+    from tuning.kinds.arm.chain import chain_of
+
+    return outside_of(config, chain_of(config.arm, str(path), path.parent))
+
+
+def _needs_of(config: Table, place: str) -> list[Need]:
+    """Return what a file asks for by itself, whichever command it is given to."""
+    from tuning.kinds import needs
+    from tuning.kinds.arm.needs import of_arm
+    from tuning.kinds.arm.study import ArmStudy
+    from tuning.kinds.log.study import LogStudy
+    from tuning.study.loading import Config, Study
+
+    if isinstance(config, ArmStudy):
+        return of_arm(config, place)
+    if isinstance(config, Study):
+        return needs.of_study(config, place)
+    if isinstance(config, LogStudy):
+        return [needs.of_fit(config.estimator, place), needs.of_log_search(config, place)]
+    return [needs.of_fit(config.estimator, place)] if isinstance(config, Config) else []
+
+
+def _kind_of_joint(config: Table) -> str:
+    """Return the kind of the example that a map, a preset or a configuration belongs to."""
+    fields = set(type(config).model_fields)
+    preset = "antagonistic" if "motor1" in fields else "serial" if "setpoint_motor" in fields else "sea"
+    return getattr(config, "kind", preset)
+
+
+def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
+    """Return a TOML file of any kind, and which kind that is; what none recognises is read as a configuration."""
+    from tuning.files.tables import with_settings
+    from tuning.files.toml import read_toml
+    from tuning.study import kinds
+
+    tables = with_settings(read_toml(path), settings)
+    kind = kinds.kind_of(tables)
+    if kind is kinds.SIGNAL_MAP:
+        from tuning.logs.signal_map import read_signal_map
+
+        return kinds.SIGNAL_MAP, read_signal_map(path, settings)
+    if kind is kinds.LOG_STUDY:
+        from tuning.kinds.log.study import load_log_study
+
+        return kinds.LOG_STUDY, load_log_study(path, settings)
+    if kind is kinds.ARM_STUDY:
+        from tuning.kinds.arm.study import load_arm_study
+
+        return kinds.ARM_STUDY, load_arm_study(path, settings)
+    if kind is kinds.JOINT:
+        from tuning.kinds.presets import parse_joint
+
+        return kinds.JOINT, parse_joint(tables, str(path))
+    if kind is kinds.ARM:
+        from tuning.kinds.presets import parse_arm
+
+        return kinds.ARM, parse_arm(tables, str(path))
+    from tuning.study.loading import EstimationStudy, Study, load_config
+    from tuning.study.parts.rig import RecordedTorque
+
+    config = load_config(path, settings)
+    if isinstance(config, EstimationStudy):
+        for _, torque in config.excitation:
+            if isinstance(torque, RecordedTorque):
+                torque.arguments()
+    return kinds.STUDY if isinstance(config, Study) else kinds.CONFIG, config

@@ -1,0 +1,202 @@
+"""Monte Carlo runs over a population of robots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tuning.cli.following import again, words
+from tuning.terminal.options import (
+    JSON,
+    QUIET,
+    RESUME,
+    RUN,
+    SEED,
+    SETTINGS,
+    STUDY,
+    emit,
+    executor_for,
+    machines_of,
+    needs_of_workers,
+    refuse_given,
+    table,
+    with_executor,
+    with_seed,
+)
+
+if TYPE_CHECKING:
+    from tuning.scoring.summary import Interval, Summary
+
+
+@click.command(epilog="Example: vsajax montecarlo serial-population.toml -o runs/population --scenarios 20000")
+@STUDY
+@RUN
+@click.option("--scenarios", type=click.IntRange(min=2), default=4096, show_default=True, help="Robots.")
+@click.option(
+    "--precision",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Stop once the 95 % quantile's interval is within this share of it.",
+)
+@click.option(
+    "--sensitivity",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Rows of a design for Sobol indices, a power of two; each costs factors + 3 scenarios.",
+)
+@click.option(
+    "--target",
+    type=click.FloatRange(min=0.0, max=1.0, min_open=True, max_open=True),
+    default=0.05,
+    show_default=True,
+    help="Share of the robots that may fail: what to do is said about failures beyond it.",
+)
+@click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="Worst cases to list.")
+@click.option("--dry-run", is_flag=True, help="Time one chunk; print chunks, memory and time; write nothing.")
+@with_executor
+@SETTINGS
+@SEED
+@RESUME
+@JSON
+@QUIET
+def montecarlo(
+    study: Path,
+    folder: Path,
+    scenarios: int,
+    precision: float | None,
+    sensitivity: int,
+    target: float,
+    worst: int,
+    dry_run: bool,
+    executor: str | None,
+    workers: int | None,
+    scheduler: str | None,
+    wait: float | None,
+    settings: tuple[str, ...],
+    seed: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Score the estimator of STUDY over its [population]: quantiles, failure probabilities, what matters.
+
+    For an arm: what an error in its joints' stiffness costs at the hand.
+    """
+    from tuning.files.errors import input_error
+    from tuning.files.toml import read_toml
+    from tuning.kinds.arm.study import is_arm_study
+    from tuning.study.loading import load_study
+
+    if is_arm_study(read_toml(study)):
+        from tuning.kinds.arm.commands import run_arm_accuracy
+
+        spread = ("executor", "workers", "scheduler", "wait")
+        own = ("precision", "sensitivity", "target", "worst", "dry_run", "resume")
+        refuse_given("does not go with a study of an arm", *own, *spread)
+        return run_arm_accuracy(study, folder, scenarios, settings, seed, as_json, quiet)
+    loaded = load_study(study, with_seed(settings, seed), unused=["sweep"])
+    if sensitivity & (sensitivity - 1):
+        below = 1 << (sensitivity.bit_length() - 1)
+        raise input_error("--sensitivity", f"got {sensitivity}", f"allowed: powers of two, e.g. {below}")
+    if dry_run:
+        refuse_given("does not go with --dry-run, which scores nothing", "resume", "worst", "target", "precision")
+    from tuning.kinds.needs import of_base, of_design, of_population, require_drawable
+    from tuning.runs.machine import start_jax
+    from tuning.study.limits import require
+
+    machines = machines_of(executor, workers, scheduler)
+    asked = [of_population(loaded, scenarios, "--scenarios", machines=machines)]
+    asked += [of_design(loaded, sensitivity, "--sensitivity", machines=machines)] if sensitivity else []
+    require(*of_base(loaded, str(study)), *asked, *needs_of_workers(executor, workers))
+    require_drawable(loaded, scenarios, "--scenarios")
+    start_jax()
+    from tuning.report.pictures.populations import draw_population
+    from tuning.scoring.montecarlo import MonteCarlo, forecast, run_population
+    from tuning.scoring.summary import write_summary
+
+    run, design = MonteCarlo(loaded, scenarios), MonteCarlo(loaded, scenarios, sensitivity)
+    if dry_run:
+        extra = f" and {design.size} of the design" if sensitivity else ""
+        foreseen = forecast(run)
+        if sensitivity:
+            foreseen["run_time"] *= 1.0 + len(design.chunks) / len(run.chunks)
+        seconds = foreseen["compile_time"] + foreseen["run_time"]
+        require(replace(asked[0], memory=foreseen["memory"], seconds=seconds))
+        emit(
+            foreseen,
+            as_json=as_json,
+            quiet=quiet,
+            text=f"{scenarios} robots{extra}, {len(run.chunks)} chunks\n"
+            f"memory {foreseen['memory'] / 2**30:.2f} GiB, compile {foreseen['compile_time']:.1f} s, "
+            f"run {foreseen['run_time']:.1f} s (from one timed chunk; nothing written)",
+            following=lambda: again(without="--dry-run"),
+        )
+        return
+    summary = run_population(
+        run,
+        folder,
+        executor_for(executor, workers, scheduler, folder, wait),
+        rows=sensitivity,
+        precision=precision,
+        worst=worst,
+        target=target,
+        resume=resume,
+        quiet=quiet,
+    )
+    write_summary(summary, folder / "summary.json")
+    pictures = draw_population(folder, loaded, summary)
+    emit(
+        {"run": folder, "results": folder / "results.parquet", "pictures": pictures} | summary.as_tables(),
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: _text(summary, study, folder, loaded.tune.objective, pictures),
+        following=words("report", folder),
+    )
+
+
+def _bracketed(unit: str) -> str:
+    return f" [{unit.strip()}]" if unit else ""
+
+
+def _quantile(q: Interval) -> str:
+    """Return a quantile with its interval; a time that never comes is infinite."""
+    finite = [end for end in (q.low, q.high) if abs(end) < float("inf")]
+    ends = f" [{_number(q.low)}, {_number(q.high)}]" if finite and q.low != q.high else ""
+    return f"{_number(q.value)}{ends}"
+
+
+def _number(value: float) -> str:
+    if value != value:
+        return "–"
+    return f"{value:.4g}" if abs(value) != float("inf") else "never"
+
+
+def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures: list[Any]) -> str:
+    from tuning.scoring.intervals import unit_of
+
+    levels = list(next(iter(summary.quantiles.values())))
+    rows = [
+        [f"{metric}{_bracketed(unit_of(metric))}", *map(_quantile, quantiles.values())]
+        for metric, quantiles in summary.quantiles.items()
+        if metric in {"msrep", "msrep_settled", "mse_settled", "convergence_time", "known_time", "coverage"}
+        or metric in {"settling_time", "log_energy", "residual", "switches"}
+        if any(q.value == q.value for q in quantiles.values())
+    ]
+    lines = [
+        f"{summary.scenarios} robots; quantiles with their 95 % intervals:",
+        table(["metric", *(f"{100 * level:g} %" for level in levels)], rows),
+        *summary.sentences,
+    ]
+    if summary.advice:
+        lines += ["what to do:", *(f"  {line}" for line in summary.advice)]
+    if summary.worst:
+        numbers = ", ".join(map(str, summary.worst))
+        lines.append(
+            f"worst by {objective}: {numbers}; replay one: vsajax simulate {study} --scenario {summary.worst[0]}"
+        )
+    return "\n".join(
+        [*lines, f"wrote {folder / 'results.parquet'}, summary.json and {', '.join(map(str, pictures))}"]
+    )

@@ -1,0 +1,1 @@
+"""What stands on disk: read with every mistake named, and written whole."""

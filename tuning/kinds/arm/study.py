@@ -1,0 +1,321 @@
+"""The study of an arm: its kinematics, its joints, what the hand should be like; nothing imports jax."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from tuning.files.errors import InputError, Mistake, input_error
+from tuning.files.shipped import choose
+from tuning.files.tables import merge, with_settings
+from tuning.files.text import Line
+from tuning.files.toml import Seed, Table, read_toml, validate
+from tuning.kinds.arm.names import listed
+from tuning.study.kinds import ARM_STUDY, require_kind
+from tuning.study.parts.base import AtLeastOne, NonNegative, Positive
+
+if TYPE_CHECKING:
+    from tuning.kinds.arm.chain import Chain
+
+Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+Numbers = Annotated[list[Positive], Field(min_length=1)]
+
+FARTHEST_DEG = 1e7
+"""Beyond it sines lose digits; no joint turns so far."""
+_ROUNDING = 1e-9
+"""Of degrees turned into radians."""
+
+
+class Turn(Table):
+    """A turn about an axis of the frame so far."""
+
+    axis: Literal["x", "y", "z"]
+    degrees: float
+
+
+class Limited(Table):
+    """A joint's range."""
+
+    range_deg: Pair = Field(default_factory=lambda: [-180.0, 180.0])
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Limited:
+        if self.range_deg[0] >= self.range_deg[1]:
+            raise ValueError(f"range_deg must be low, then high; got {self.range_deg}")
+        if max(map(abs, self.range_deg)) > FARTHEST_DEG:
+            raise ValueError(f"range_deg must lie within ±{FARTHEST_DEG:g}; got {self.range_deg}")
+        return self
+
+
+class Joint(Limited):
+    """A revolute joint: where it is in the frame before, how it is turned, its axis."""
+
+    offset: Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    turns: list[Turn] = Field(default_factory=list)
+    axis: Vector3
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> Joint:
+        if not 1e-6 <= math.hypot(*self.axis) <= 1e6:
+            raise ValueError(f"axis must be a direction, of a length between 1e-6 and 1e6; got {self.axis}")
+        return self
+
+
+class DhJoint(Limited):
+    """A joint by its Denavit–Hartenberg parameters."""
+
+    a: float = 0.0
+    alpha_deg: float = 0.0
+    d: float = 0.0
+    theta_deg: float = 0.0
+
+
+class Tool(Table):
+    """The hand in the last frame."""
+
+    offset: Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    turns: list[Turn] = Field(default_factory=list)
+
+
+class Arm(Table):
+    """An arm, by one of: a URDF file and the tip's link, joints one by one, Denavit–Hartenberg parameters."""
+
+    urdf: Line | None = None
+    base: Line | None = None
+    tip: Line | None = None
+    joints: list[Joint] = Field(default_factory=list)
+    dh: list[DhJoint] = Field(default_factory=list)
+    convention: Literal["standard", "modified"] = "standard"
+    tool: Tool = Tool()
+    pose_deg: list[float] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Arm:
+        given = [name for name in ("urdf", "joints", "dh") if getattr(self, name)]
+        if len(given) != 1:
+            raise ValueError(f"needs exactly one of preset, urdf, joints, dh; got {', '.join(given) or 'none'}")
+        if self.urdf is None and (self.base is not None or self.tip is not None):
+            raise ValueError("base and tip name links of a urdf; tables of joints have none: remove them")
+        return self
+
+
+class JointStiffness(Table):
+    """What the joints' mechanisms can be set to [N·m/rad]; one number for all, or one a joint."""
+
+    lower: Positive | Numbers
+    upper: Positive | Numbers
+
+
+class Task(Table):
+    """What the hand should be like, and the force that pulls at it [N]."""
+
+    space: Literal["position", "pose"] = "position"
+    stiffness: list[float] | list[list[float]]
+    length: Positive = 0.3
+    load: Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+    @property
+    def size(self) -> int:
+        """Rows of the stiffness matrix."""
+        return 3 if self.space == "position" else 6
+
+    def matrix(self) -> list[list[float]]:
+        """Return K_d, row by row."""
+        rows = self.stiffness
+        if all(isinstance(row, float) for row in rows):
+            return [[float(v) if i == j else 0.0 for j in range(len(rows))] for i, v in enumerate(rows)]  # pyright: ignore
+        return [list(map(float, row)) for row in rows]  # pyright: ignore
+
+
+class Controller(Table):
+    """The active stage."""
+
+    max_stiffness: Positive = 4545.0
+    scaling: Literal["none", "printed", "exact"] = "exact"
+    clip: bool = True
+
+
+class Workspace(Table):
+    """How many poses are drawn from the joints' ranges, and the plane of the map."""
+
+    poses: AtLeastOne = 20000
+    plane: Literal["xy", "xz", "yz"] = "xy"
+    cells: AtLeastOne = 48
+
+
+class Poses(Table):
+    """The search for better poses of the same hand position.
+
+    Targets and starts are drawn from `drawn_deg`, a pair a joint, by default from the joints' whole ranges.
+    """
+
+    targets: AtLeastOne = 128
+    starts: AtLeastOne = 6
+    steps: AtLeastOne = 60
+    drawn_deg: list[Pair] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Poses:
+        for pair in self.drawn_deg:
+            if pair[0] > pair[1]:
+                raise ValueError(f"drawn_deg must be pairs of low, then high; got {pair}")
+        return self
+
+
+class Accuracy(Table):
+    """Levels of the error in the joints' stiffness, and how many arms are drawn at each."""
+
+    msrep: list[NonNegative] = Field(default_factory=lambda: [1e-3, 1e-2, 1e-1, 1.0, 10.0])
+    draws: AtLeastOne = 2000
+    run: Line | None = None
+
+
+class ArmStudy(Table):
+    """Everything that the lab does with an arm."""
+
+    schema_version: Literal[1]
+    kind: Literal["arm"]
+    name: Line = "unnamed"
+    seed: Seed = 0
+    arm: Arm
+    joints: JointStiffness
+    task: Task
+    controller: Controller = Controller()
+    workspace: Workspace = Workspace()
+    poses: Poses = Poses()
+    accuracy: Accuracy = Accuracy()
+    provenance: dict[str, Any] = Field(default_factory=dict)
+
+
+def is_arm_study(data: dict[str, Any]) -> bool:
+    """Return whether the tables of a file are a study of an arm."""
+    return data.get("kind") == "arm"
+
+
+def load_arm_study(path: Path, settings: tuple[str, ...] | list[str] = ()) -> ArmStudy:
+    """Return the study in a TOML file, with `a.b=value` settings applied before it is validated.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
+    data = with_settings(read_toml(path), settings)
+    place = str(path)
+    require_kind(data, place, ARM_STUDY)
+    if not is_arm_study(data):
+        got = "is missing" if "kind" not in data else f"got {data['kind']!r}"
+        raise input_error(f"{place}: kind", f"{got}; this command needs 'arm'", "write one with `vsajax init arm`")
+    arm = data.get("arm")
+    if isinstance(arm, dict) and "preset" in arm:
+        own = {key: value for key, value in arm.items() if key != "preset"}
+        preset = read_toml(choose("arms", arm["preset"], f"{place}: arm.preset"))
+        data = data | {"arm": merge(preset, own)}
+    study = validate(ArmStudy, data, place)
+    _check(study, path)
+    return study
+
+
+def _check(study: ArmStudy, path: Path) -> None:
+    """Check what no single table can; a URDF is read."""
+    from tuning.kinds.arm.chain import chain_of
+
+    place = str(path)
+    mistakes = list(check_task(study.task, place))
+    try:
+        mistakes += check_joints(study, chain_of(study.arm, place, path.parent), place)
+    except InputError as error:
+        mistakes += error.mistakes
+    if mistakes:
+        raise InputError(*mistakes)
+
+
+def check_task(task: Task, place: str) -> list[Mistake]:
+    """Return what is wrong with the desired stiffness: it must be a symmetric positive definite matrix."""
+    where, size, rows = f"{place}: task.stiffness", task.size, task.matrix()
+    if len(rows) != size or any(len(row) != size for row in rows):
+        fix = f"give the {size} numbers of its diagonal, or {size} rows of {size}"
+        return [Mistake(where, f"got {len(rows)} rows; space {task.space!r} needs {size}", fix)]
+    largest = max(abs(v) for row in rows for v in row)
+    for i in range(size):
+        for j in range(i):
+            if abs(rows[i][j] - rows[j][i]) > 1e-9 * largest:
+                problem = f"is not symmetric: row {i + 1} has {rows[i][j]:g}, row {j + 1} has {rows[j][i]:g}"
+                return [Mistake(where, problem, "make the two equal")]
+    if not _is_definite(rows):
+        problem = "is not positive definite"
+        return [Mistake(where, problem, "every direction needs a stiffness above 0, e.g. a positive diagonal")]
+    return []
+
+
+def _is_definite(rows: list[list[float]]) -> bool:
+    factor: list[list[float]] = []
+    for i, row in enumerate(rows):
+        own: list[float] = []
+        for j in range(i):
+            own.append((row[j] - sum(a * b for a, b in zip(own, factor[j], strict=False))) / factor[j][j])
+        pivot = row[i] - sum(a * a for a in own)
+        if pivot <= 1e-12 * abs(row[i]):
+            return False
+        factor.append([*own, math.sqrt(pivot)])
+    return True
+
+
+def check_joints(study: ArmStudy, chain: Chain, place: str) -> list[Mistake]:
+    """Return what is wrong with numbers that there must be one of a joint, in the order of the chain."""
+    mistakes = []
+    count, named = chain.joints, _named(chain)
+    bounds: dict[str, list[float]] = {}
+    for name in ("lower", "upper"):
+        given = getattr(study.joints, name)
+        bounds[name] = given if isinstance(given, list) else [given] * count
+        if len(bounds[name]) != count:
+            problem = f"got {len(bounds[name])} numbers; the arm has {count} joints{named}"
+            mistakes.append(Mistake(f"{place}: joints.{name}", problem, "give one number, or one a joint"))
+    if not mistakes:
+        for joint, low, high in zip(chain.titles, bounds["lower"], bounds["upper"], strict=True):
+            if low > high:
+                problem = f"{joint} has lower {low:g} above upper {high:g}"
+                mistakes.append(Mistake(f"{place}: joints", problem, "exchange them"))
+    for name, given, what in (
+        ("arm.pose_deg", study.arm.pose_deg, "angle"),
+        ("poses.drawn_deg", study.poses.drawn_deg, "pair"),
+    ):
+        if given and len(given) != count:
+            problem = f"got {len(given)} {what}s; the arm has {count} joints{named}"
+            mistakes.append(Mistake(f"{place}: {name}", problem, f"give one {what} a joint"))
+    for joint, angle in zip(chain.titles, study.arm.pose_deg, strict=False):
+        if abs(angle) > FARTHEST_DEG:
+            problem = f"{joint} has {angle:g}; allowed: within ±{FARTHEST_DEG:g}"
+            mistakes.append(Mistake(f"{place}: arm.pose_deg", problem, "give angles in degrees"))
+    if not mistakes:
+        mistakes += _check_drawn(study, chain, place)
+    return mistakes
+
+
+def _named(chain: Chain) -> str:
+    return f": {listed(chain.names)}" if chain.is_named else ""
+
+
+def _check_drawn(study: ArmStudy, chain: Chain, place: str) -> list[Mistake]:
+    mistakes = []
+    for joint, own, whole in zip(chain.titles, study.poses.drawn_deg, chain.ranges, strict=False):
+        least, most = (math.degrees(angle) for angle in whole)
+        if own[0] < least - _ROUNDING or own[1] > most + _ROUNDING:
+            problem = f"{joint} has {own[0]:g} to {own[1]:g}; its range is {least:g} to {most:g}"
+            mistakes.append(Mistake(f"{place}: poses.drawn_deg", problem, "stay within the range"))
+    return mistakes
+
+
+def outside_of(study: ArmStudy, chain: Chain) -> list[str]:
+    """Return a sentence for each joint that the study's pose puts outside of its range."""
+    said = []
+    for i, angle in enumerate(study.arm.pose_deg):
+        joint, (least, most) = chain.titles[i], map(math.degrees, chain.ranges[i])
+        if not chain.endless[i] and not least - _ROUNDING <= angle <= most + _ROUNDING:
+            said.append(
+                f"arm.pose_deg puts {joint} at {angle:g}, outside of its range of {least:g} to {most:g} deg"
+            )
+    return said

@@ -1,0 +1,1 @@
+"""Damping studies: a link is hit, and stiffness or motor bring it to rest."""

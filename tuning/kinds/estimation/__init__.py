@@ -1,0 +1,1 @@
+"""Estimation studies: a joint is moved, measured and its stiffness estimated."""

@@ -1,0 +1,1 @@
+"""Recordings of real joints: what an estimator says of them, and its numbers tuned on them."""

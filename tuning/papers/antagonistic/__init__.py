@@ -1,0 +1,1 @@
+"""Ménard, Grioli, Bicchi: agonist-antagonist joint and the algebraic observer."""

@@ -1,0 +1,1 @@
+"""Petit, Albu-Schäffer: Cartesian impedance control for a variable stiffness robot arm."""

@@ -1,0 +1,1 @@
+"""Gasparri et al.: variable stiffness control for oscillation damping."""

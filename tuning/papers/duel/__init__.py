@@ -1,0 +1,1 @@
+"""The two families of estimators against each other on the antagonistic joint."""

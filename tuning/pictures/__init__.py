@@ -1,0 +1,1 @@
+"""One style for figures, and the page that carries them."""

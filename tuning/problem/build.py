@@ -1,0 +1,61 @@
+"""From the tables of a study to the modules of vsajax, and to single numbers in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from typing import Any
+
+import equinox as eqx
+import jax
+
+import vsajax
+from tuning.study.loading import Config, DampingStudy, EstimationStudy
+from tuning.study.parts.base import Part
+
+
+def build(part: Any) -> Any:
+    """Return the vsajax module that a table describes; anything but a table is returned as it is."""
+    if not isinstance(part, Part):
+        return part
+    module, name = part.target.split(".")
+    make = getattr(getattr(vsajax, module), name)
+    return make(**{key: build(value) for key, value in part.arguments().items()})
+
+
+def build_bench(study: EstimationStudy) -> vsajax.Bench:
+    """Return the bench of a study."""
+    return vsajax.Bench(
+        **{name: build(getattr(study, name)) for name in ("joint", "excitation", "sensing", "estimator")},
+        scorer=build(study.scorer),
+        clock=build(study.clock),
+    )
+
+
+def build_loop(study: DampingStudy) -> vsajax.ControlLoop:
+    """Return the closed loop of a study."""
+    parts = ("plant", "impact", "controller", "scorer", "clock", "sensor", "observer", "start")
+    return vsajax.ControlLoop(**{name: build(getattr(study, name)) for name in parts})
+
+
+def build_controller(study: DampingStudy) -> vsajax.control.ObservedController:
+    """Return the controller of a study together with the observer in front of it."""
+    return vsajax.control.ObservedController(build(study.controller), build(study.observer))
+
+
+def build_estimator(config: Config) -> vsajax.estimators.AbstractEstimator:
+    """Return the estimator of a study or of a configuration without a joint."""
+    return build(config.estimator)
+
+
+def number(bench: Any, path: str) -> jax.Array:
+    """Return the leaf at a dotted path of the study; `bench` is whatever has the tables it leads through."""
+    return reduce(getattr, path.split("."), bench)
+
+
+def with_leaves[Model](bench: Model, leaves: Mapping[str, jax.Array]) -> Model:
+    """Return the bench with leaves at dotted paths replaced."""
+    if not leaves:
+        return bench
+    paths: Sequence[str] = list(leaves)
+    return eqx.tree_at(lambda b: [number(b, path) for path in paths], bench, [leaves[path] for path in paths])

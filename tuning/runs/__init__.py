@@ -1,0 +1,1 @@
+"""Runs on disk and on machines: folders, executors and workers."""

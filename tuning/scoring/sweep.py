@@ -1,0 +1,323 @@
+"""A grid over any numbers and settings of a study, in resumable chunks."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from tuning.files.errors import input_error
+from tuning.problem.interface import problem_of
+from tuning.runs.executors import Executor, Inline, complete
+from tuning.runs.folder import RunStore, open_run, read_table, versions, write_text
+from tuning.scoring.grid import Grid
+from tuning.study.choices import Setting, options_of
+from tuning.study.loading import (
+    Study,
+    grid_structures,
+    numeric_paths,
+    resolved,
+    structural_paths,
+    study_hash,
+    to_toml,
+    with_numbers,
+)
+
+Value = float | Setting
+"""Of an axis."""
+
+_STEPS_PER_CHUNK = 1.0e8
+"""Lane-steps in a chunk: a few seconds of work. A constant, so that a resumed run has the same chunks."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a sweep will take, from one timed chunk.
+
+    Args:
+        configurations: points of the grid.
+        scenarios: noise draws at each.
+        chunks: into which the work is cut.
+        memory: peak of the process while a chunk runs [bytes].
+        compile_time: [s].
+        run_time: of all chunks together, compilation apart [s].
+    """
+
+    configurations: int
+    scenarios: int
+    chunks: int
+    memory: int
+    compile_time: float
+    run_time: float
+
+
+@dataclass(frozen=True)
+class Structure:
+    """The part of a sweep that one program computes: all points with the same settings.
+
+    Args:
+        study: the study with these settings.
+        chosen: the settings by path; empty where the grid varies numbers only.
+        grid: of the axes that lead to numbers of this study.
+        axes: all axes of the sweep, in order.
+    """
+
+    study: Study
+    chosen: Mapping[str, Setting]
+    grid: Grid
+    axes: Mapping[str, Sequence[Value]]
+
+    @cached_property
+    def configurations(self) -> np.ndarray:
+        """`(outer point, inner point)` numbers of the configurations, as the sweep counts them.
+
+        Along an axis that leads to no number here there is one point only, the axis' first.
+        """
+        own = np.unravel_index(
+            self.grid.configuration_of, [len(values) for values in self.grid.axes.values()] or [1]
+        )
+        places = dict(zip(self.grid.axes, own, strict=False))
+        at = [
+            np.full(self.grid.configuration_of.shape, list(values).index(self.chosen[path]))
+            if path in self.chosen
+            else places.get(path, np.zeros_like(self.grid.configuration_of))
+            for path, values in self.axes.items()
+        ]
+        return np.ravel_multi_index(at, [len(values) for values in self.axes.values()])
+
+    def columns_of(self, configurations: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the varied values of configurations by path; NaN where a number does not exist here."""
+        at = np.unravel_index(configurations, [len(values) for values in self.axes.values()])
+        found = {}
+        for (path, values), place in zip(self.axes.items(), at, strict=True):
+            has_it = path in self.chosen or path in self.grid.axes
+            found[path] = np.array(values)[place] if has_it else np.full(place.shape, np.nan)
+        return found
+
+
+@dataclass(frozen=True)
+class GridSweep:
+    """A grid and its cut into chunks: structure after structure, each a grid of numbers.
+
+    Args:
+        study: the study; its `[sweep]` has the axes too.
+        axes: values by dotted path, the last running fastest.
+        scenarios: noise draws per configuration.
+        cut: outer points of a grid in a chunk; a few seconds of work if `None`.
+    """
+
+    study: Study
+    axes: Mapping[str, Sequence[Value]]
+    scenarios: int
+    cut: int | None = None
+
+    @classmethod
+    def from_plan(cls, study: Study, plan: Mapping[str, Any]) -> GridSweep:
+        """Return the sweep that a run's `plan` describes, with the same chunks."""
+        return cls(study, plan["axes"], plan["scenarios"], plan["points_per_chunk"])
+
+    @property
+    def plan(self) -> dict[str, Any]:
+        """What determines the rows beside the study, for the manifest and for other processes."""
+        axes = {path: list(values) for path, values in self.axes.items()}
+        return {"axes": axes, "scenarios": self.scenarios, "points_per_chunk": self.points_per_chunk}
+
+    @cached_property
+    def structures(self) -> list[Structure]:
+        """The parts that are programs of their own, on the study's training stream."""
+        found = []
+        for chosen, study in grid_structures(self.study, "sweep.grid"):
+            numbers = numeric_paths(study)
+            axes = {path: [float(v) for v in values] for path, values in self.axes.items() if path in numbers}
+            grid = Grid(problem_of(study, tuple(axes)), axes, self.scenarios)
+            found.append(Structure(study, chosen, grid, self.axes))
+        return found
+
+    @property
+    def configurations(self) -> int:
+        """Number of points of the grid; along an axis that a structure lacks it has one."""
+        return sum(structure.grid.configurations for structure in self.structures)
+
+    @cached_property
+    def points_per_chunk(self) -> int:
+        """Outer points of a grid in a chunk."""
+        if self.cut is not None:
+            return self.cut
+        grids = [structure.grid for structure in self.structures]
+        steps = max(grid.inner_size * grid.problem.samples for grid in grids)
+        most = max(grid.outer_count for grid in grids)
+        return min(max(1, round(_STEPS_PER_CHUNK / steps)), most)
+
+    @cached_property
+    def _places(self) -> list[tuple[Structure, int]]:
+        """Of every chunk: its structure, and the first of its outer points."""
+        return [
+            (structure, first)
+            for structure in self.structures
+            for first in range(0, structure.grid.outer_count, self.points_per_chunk)
+        ]
+
+    @property
+    def chunks(self) -> list[str]:
+        """Ids of the chunks, in order."""
+        return [f"{i:06d}" for i in range(len(self._places))]
+
+    def run_chunk(self, chunk: str) -> dict[str, np.ndarray]:
+        """Return the rows of a chunk: configuration, scenario, the varied values, the scores."""
+        structure, first = self._places[int(chunk)]
+        count = min(self.points_per_chunk, structure.grid.outer_count)
+        points = structure.grid.outer_points[first : first + count]
+        numbers = structure.configurations[first : first + count].reshape(-1)
+        # The last chunk is filled up, so that all chunks of a structure are one compiled program.
+        filled = points[np.minimum(np.arange(count), len(points) - 1)]
+        scores = {name: score[: len(points)] for name, score in structure.grid.evaluate(filled).items()}
+        values = structure.columns_of(numbers)
+        return {
+            "configuration": np.repeat(numbers, self.scenarios),
+            "scenario": np.tile(np.arange(self.scenarios), numbers.size),
+            **{path: np.repeat(value, self.scenarios) for path, value in values.items()},
+            **{name: score.reshape(-1) for name, score in scores.items()},
+        }
+
+    def study_of(self, configuration: int, place: str) -> Study:
+        """Return the study of a configuration, its values to the last bit; `place` names it in errors."""
+        structure = next(one for one in self.structures if configuration in one.configurations)
+        values = structure.columns_of(np.array([configuration]))
+        return with_numbers(structure.study, {path: float(values[path][0]) for path in structure.grid.axes}, place)
+
+    def open(self, folder: Path, *, resume: bool) -> RunStore:
+        """Return the run's store."""
+        return open_run(folder, "sweep", self.study, self.plan, self.chunks, resume=resume)
+
+    def run(self, store: RunStore, executor: Executor | None = None, *, quiet: bool = False) -> pa.Table:
+        """Compute every unfinished chunk, in this process if no executor is given, and return all results."""
+        label = f"sweep {self.configurations} × {self.scenarios}"
+        return read_table(complete(store, executor or Inline(), label, quiet=quiet))
+
+    def forecast(self) -> Forecast:
+        """Compile and time one chunk of every structure."""
+        import resource
+
+        compile_time = run_time = 0.0
+        for structure in self.structures:
+            chunks = [i for i, (one, _) in enumerate(self._places) if one is structure]
+            first, again = (_timed(lambda at=chunks[0]: self.run_chunk(self.chunks[at])) for _ in range(2))
+            # The second takes longer where others use the machine: what compiling took is then not known.
+            compile_time += max(first - again, 0.0)
+            run_time += min(first, again) * len(chunks)
+        # Linux counts in KiB; the resident peak holds the programs, their inputs and one chunk's results.
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+        rows = self.configurations * self.scenarios
+        table = rows * 8 * (2 + len(self.axes) + 11) * 3
+        return Forecast(
+            self.configurations, self.scenarios, len(self.chunks), peak + table, compile_time, run_time
+        )
+
+
+def _timed(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def plan_sweep(study: Study, place: str) -> GridSweep:
+    """Return the sweep that a study's `[sweep]` table asks for.
+
+    Raises:
+        InputError: the grid is empty.
+    """
+    if not study.sweep.grid:
+        raise input_error(
+            f"{place}: sweep.grid",
+            "has no axis",
+            "add one, or give --grid estimator.fit.prior_scale=log(1e-3,10,8)",
+        )
+    settings = structural_paths(study)
+    axes: dict[str, Sequence[Value]] = {
+        path: options_of(axis, settings[path]) if path in settings else axis.grid()
+        for path, axis in study.sweep.grid.items()
+    }
+    return GridSweep(study, axes, study.sweep.scenarios)
+
+
+def write_winner(sweep: GridSweep, best: Mapping[str, Any], path: Path) -> Path | None:
+    """Write the study with a grid's best numbers to the last bit, which `tune`, `simulate` and `export` take.
+
+    Args:
+        sweep: the sweep.
+        best: the first row of its ranking.
+        path: where to.
+
+    Returns:
+        The path; `None`, and nothing is written, where no configuration has a score.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    if math.isnan(best["mean"]):
+        return None
+    study = sweep.study
+    provenance = {
+        "command": "sweep",
+        "objective": study.tune.objective,
+        "study_hash": study_hash(study),
+        "seed": study.seed,
+        "versions": versions(),
+        "swept": sorted(sweep.axes),
+        "scenarios": sweep.scenarios,
+        "train": {name: best[name] for name in ("mean", "median", "q90")},
+    }
+    tables = resolved(sweep.study_of(int(best["configuration"]), "best of the sweep"))
+    write_text(path, to_toml(tables | {"provenance": provenance}))
+    return path
+
+
+def say_edges(axes: Mapping[str, Sequence[Any]], best: Mapping[str, Any]) -> list[str]:
+    """Return a sentence for every axis at whose end the best configuration lies: a better one may lie beyond.
+
+    Args:
+        axes: the values by path; those of a setting that is no number have no end.
+        best: the first row of a ranking.
+    """
+    said = []
+    for path, values in axes.items():
+        is_scale = len(values) > 2 and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+        if not is_scale or math.isnan(best["mean"]) or best[path] not in (min(values), max(values)):
+            continue
+        end, beyond = ("largest", "larger") if best[path] == max(values) else ("smallest", "smaller")
+        value = f"{best[path]:.6g}"
+        said.append(f"the best lies on the grid's edge: {path} = {value} is its {end}; add {beyond} values")
+    return said
+
+
+def rank(table: pa.Table, axes: Sequence[str], score: str) -> list[dict[str, Any]]:
+    """Return the configurations, best mean score first, with the mean, median and 90 % quantile over scenarios.
+
+    A configuration with scenarios whose score is not finite, counted under "diverged", has none and goes last.
+    """
+    values = table[score].to_numpy()
+    values = np.where(np.isfinite(values), values, np.nan)
+    numbers = table["configuration"].to_numpy()
+    order = np.lexsort((table["scenario"].to_numpy(), numbers))
+    scenarios = int(table["scenario"].to_numpy().max()) + 1
+    per_configuration = values[order].reshape(-1, scenarios)
+    firsts = order[::scenarios]
+    rows = [
+        {
+            "configuration": int(numbers[first]),
+            **{path: table[path][int(first)].as_py() for path in axes},
+            "mean": float(np.mean(scores)),
+            "median": float(np.median(scores)),
+            "q90": float(np.quantile(scores, 0.9)),
+            "diverged": int(np.sum(np.isnan(scores))),
+        }
+        for first, scores in zip(firsts, per_configuration, strict=True)
+    ]
+    return sorted(rows, key=lambda row: (math.isnan(row["mean"]), row["mean"]))

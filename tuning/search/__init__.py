@@ -1,0 +1,1 @@
+"""Better numbers: by gradient, by grid, by trials, and the contest of estimators."""

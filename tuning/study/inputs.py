@@ -1,0 +1,67 @@
+"""The files that a study names: what is in them determines results as much as the study does.
+
+They are no part of the study's hash, which is that of its text; a run keeps their hashes beside it.
+"""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from tuning.files.errors import InputError, Mistake, input_error
+from tuning.files.seal import hash_bytes
+from tuning.files.toml import Table
+from tuning.study.loading import Study, structures
+from tuning.study.parts.base import Part
+
+_READ = 1 << 20
+
+
+def hash_inputs(study: Study) -> dict[str, str]:
+    """Return the SHA-256 of every file that a study names, in any of its structures, by its path as it is named.
+
+    Raises:
+        InputError: a file is missing or cannot be read.
+    """
+    found = [each for _, each in structures(study, "study")] if study.tune.choices else [study]
+    paths = dict.fromkeys(path for each in found for path in _named(each))
+    return {path: _hash_file(Path(path)) for path in sorted(paths)}
+
+
+def check_inputs(held: Mapping[str, str], folder: object) -> None:
+    """Check that files still hold what they held when a run was begun.
+
+    Raises:
+        InputError: names every file that has changed or cannot be read.
+    """
+    mistakes: list[Mistake] = []
+    for path, digest in held.items():
+        try:
+            if _hash_file(Path(path)) != digest:
+                problem = f"has changed since the run in {folder} was begun"
+                mistakes.append(Mistake(path, problem, "put the old file back, or name a new folder with -o"))
+        except InputError as error:
+            mistakes += error.mistakes
+    if mistakes:
+        raise InputError(*mistakes)
+
+
+def _named(value: Any) -> Iterator[str]:
+    if isinstance(value, Part):
+        yield from (path for name in value.files if (path := getattr(value, name)) is not None)
+    if isinstance(value, Table):
+        for name in type(value).model_fields:
+            yield from _named(getattr(value, name))
+
+
+def _hash_file(path: Path) -> str:
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise input_error(path, "is no regular file", "name a file of samples in the study")
+        with path.open("rb") as file:
+            return hash_bytes(iter(lambda: file.read(_READ), b""))
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror})"
+        raise input_error(path, problem, "put the file that the study names there") from None

@@ -1,0 +1,71 @@
+"""Joints and their bodies."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from tuning.study.parts.base import NonNegative, Part, Positive
+from tuning.study.parts.springs import Spring
+
+
+class CoulombFriction(Part):
+    """Dry friction, smoothed over a small velocity."""
+
+    target = "plants.CoulombFriction"
+    torque: NonNegative
+    velocity_scale: Positive = 0.05
+
+
+class Link(Part):
+    """The driven link."""
+
+    target = "plants.Link"
+    inertia: Positive
+    damping: NonNegative
+    gravity: float | None = None
+    friction: CoulombFriction | None = None
+
+
+class Motor(Part):
+    """A geared motor."""
+
+    target = "plants.Motor"
+    inertia: Positive
+    damping: NonNegative
+    gear_ratio: Annotated[float, Field(ge=1)] = 1.0
+    friction: CoulombFriction | None = None
+
+
+class SerialJoint(Part):
+    """A principal motor moves the link, a secondary motor sets its stiffness."""
+
+    target = "plants.SerialJoint"
+    link: Link
+    motor: Motor
+    setpoint_motor: Motor
+    spring: Spring
+    setpoint_start: float = 0.0
+    start: float = 0.0
+
+
+class FlexibleJoint(Part):
+    """A motor drives a link through one spring."""
+
+    target = "plants.FlexibleJoint"
+    link: Link
+    motor: Motor
+    spring: Spring
+    start: float = 0.0
+
+
+class AntagonisticJoint(Part):
+    """Two motors pull one link through a spring each."""
+
+    target = "plants.AntagonisticJoint"
+    link: Link
+    motor1: Motor
+    motor2: Motor
+    spring1: Spring
+    spring2: Spring

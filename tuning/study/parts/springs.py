@@ -1,0 +1,69 @@
+"""Elastic characteristics."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from tuning.study.parts.base import NonNegative, Part, Positive
+
+
+class LinearSpring(Part):
+    """τ = rate · φ."""
+
+    target = "plants.LinearSpring"
+    type: Literal["linear"]
+    rate: Positive
+
+
+class CubicSpring(Part):
+    """τ = linear · φ + cubic · φ³."""
+
+    target = "plants.CubicSpring"
+    type: Literal["cubic"]
+    linear: NonNegative
+    cubic: float
+
+
+class PolynomialSpring(Part):
+    """τ = Σ coefficients[i] · φ^(2i+1)."""
+
+    target = "plants.PolynomialSpring"
+    type: Literal["polynomial"]
+    coefficients: Annotated[list[float], Field(min_length=1)]
+
+
+class ExponentialSpring(Part):
+    """τ = side · torque_scale · (e^(side · exponent · φ) − 1)."""
+
+    target = "plants.ExponentialSpring"
+    type: Literal["exponential"]
+    torque_scale: Positive
+    exponent: Positive
+    side: Literal[1, -1] = 1
+
+
+class HyperbolicSpring(Part):
+    """τ = torque_scale · sinh(exponent · φ)."""
+
+    target = "plants.HyperbolicSpring"
+    type: Literal["hyperbolic"]
+    torque_scale: Positive
+    exponent: Positive
+
+
+class LeverSpring(Part):
+    """τ = spring_rate · r² · sin 2φ with r = arm + pitch · θ_c."""
+
+    target = "plants.LeverSpring"
+    type: Literal["lever"]
+    spring_rate: Positive
+    arm: Positive
+    pitch: float
+
+
+Spring = Annotated[
+    LinearSpring | CubicSpring | PolynomialSpring | ExponentialSpring | HyperbolicSpring | LeverSpring,
+    Field(discriminator="type"),
+]
