@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.papers.antagonistic import rows as paper
+from tuning.papers.antagonistic import model as paper
 from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save
 from vsajax import estimators as es
 from vsajax import experiment

@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
 from tuning.files.columns import write_table
-from tuning.papers.damping import rows as paper
+from tuning.papers.damping import model as paper
 from tuning.papers.rows import Row
 from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save
 from vsajax import SwingScorer, antagonistic_loop, plants, rollout

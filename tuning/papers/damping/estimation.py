@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tuning.files.columns import write_table
-from tuning.papers.damping import rows as paper
+from tuning.papers.damping import model as paper
 from tuning.papers.rows import Row
 from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, save
 from vsajax import estimated_loop, plants, rollout

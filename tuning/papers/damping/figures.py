@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.papers.damping import rows as paper
+from tuning.papers.damping import model as paper
 from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, save
 from vsajax import ControlLoop, control, plants, switching
 from vsajax import sensing as se

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tuning.papers.duel import rows as duel
+from tuning.papers.duel import cells as duel
 from tuning.pictures.style import ESTIMATE, OTHER, new_figure, save
 
 _STYLES = (

@@ -8,8 +8,7 @@ error: where the stiffness passes through zero (R2) a relative error is a lotter
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 
 import jax
@@ -18,109 +17,44 @@ import numpy as np
 import scipy
 
 from tuning.files.columns import write_table
-from tuning.files.shipped import example_path
-from tuning.papers.antagonistic import rows as paper
+from tuning.papers.antagonistic import model as paper
+from tuning.papers.duel.cells import (
+    ALGEBRAIC,
+    CONSTANT,
+    CONTENDERS,
+    HELD_OUT,
+    LEVELS,
+    ODD,
+    PRINTED,
+    SENSORS,
+    SETTINGS,
+    SIDE,
+    TRAIN,
+    UNFILTERED,
+    Cell,
+    Contender,
+)
 from tuning.papers.rows import Report, Row
 from tuning.problem.scenarios import Given, Problem, Scenario, draw_scenarios
 from tuning.scoring.grid import lane_program
 from tuning.scoring.intervals import MEAN, interval
 from tuning.search.space import Space
-from tuning.study.loading import EstimationStudy, load_estimation
-from tuning.study.ranges import Bounds
 
 TITLE = "The duel: algebraic observer against residual estimator, each tuned for each excitation and noise level"
-SETTINGS = (paper.R1, paper.R2, paper.T1)
-LEVELS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-"""Standard deviations of the noise on every position [rad]."""
-TRAIN, HELD_OUT = 16, 64
 _POINTS = 32
 _LANES = 256
 """The algebraic observer convolves whole recordings: more than one point at a time falls out of the cache."""
 _BOXES = (1.0, 0.3, 0.1)
 """Widths of the search's successive boxes, as shares of the whole space; `_POINTS` Sobol points in each."""
-_SIDE = "estimator.side."
-_SENSORS = ("link_position", "motor1_position", "motor2_position")
-
-
-@dataclass(frozen=True)
-class Contender:
-    """One estimator in the duel.
-
-    Args:
-        name: its label.
-        family: "algebraic" or "residual".
-        side: the settings of its `[estimator.side]`.
-        bounds: what is tuned of it, by path; empty where it is taken as given.
-    """
-
-    name: str
-    family: str
-    side: tuple[str, ...]
-    bounds: Mapping[str, Bounds] = field(default_factory=dict, hash=False)
-
-    @cached_property
-    def study(self) -> EstimationStudy:
-        """The antagonistic example with this estimator."""
-        plain = ["sweep={}", "tune={}", f"scenarios={{train={TRAIN}, held_out={HELD_OUT}}}"]
-        return load_estimation(example_path("antagonistic", "antagonistic"), [*plain, *self.side])
-
-    @property
-    def has_filter(self) -> bool:
-        """Whether a Kalman filter smooths its positions; its reading variance is that of the noise."""
-        return any("kalman" in setting for setting in self.side)
-
-
-_KALMAN = (
-    '{{type="kalman", acceleration_variance={}, reading_variance=1e-6, start_position_variance=1e-6, '
-    "start_velocity_variance=100.0}}"
-)
-_VARIANCE = {f"{_SIDE}velocity.acceleration_variance": Bounds(low=1e-2, high=1e7)}
-_WINDOW = {
-    f"{_SIDE}window": Bounds(low=0.1, high=1.9),
-    f"{_SIDE}fit.prior_scale": Bounds(low=1e4, high=1e18),
-}
-_OBSERVER = {
-    f"{_SIDE}torque.observer_gain": Bounds(low=3.0, high=1500.0),
-    f"{_SIDE}fit.prior_scale": Bounds(low=1e-2, high=1e10),
-}
-
-
-def _residual(basis: str, acceleration_variance: float) -> tuple[str, ...]:
-    return (
-        f'estimator.side={{type="two_stage", fit={{prior_scale=1e6}}, basis={basis}, '
-        f"velocity={_KALMAN.format(acceleration_variance)}, "
-        'torque={type="residual", observer_gain=1e3, motor_inertia=1e-4, motor_damping=1.27}}',
-    )
-
-
-def _algebraic(settings: str, acceleration_variance: float | None = None) -> tuple[str, ...]:
-    velocity = "" if acceleration_variance is None else f"velocity={_KALMAN.format(acceleration_variance)}, "
-    return (
-        'estimator.side={type="algebraic", motor_inertia=1e-4, motor_damping=1.27, sample_time=1e-3, window=1.0, '
-        f'longest_window=2.0, basis={{type="taylor", order=2}}, fit={{prior_scale=1e10}}, {velocity}{settings}}}',
-    )
-
-
-_PRINTED = 'weighting="continuous", scaling="printed", quadrature="trapezoid"'
-_SCALE_FREE = 'scaling="scale_free", quadrature="product"'
-_ODD, _CONSTANT = '{type="odd", deflection_terms=4}', '{type="polynomial", order=3}'
-CONTENDERS = (
-    Contender("algebraic, as printed", "algebraic", _algebraic(_PRINTED)),
-    Contender("algebraic, tuned, unfiltered", "algebraic", _algebraic(_SCALE_FREE), _WINDOW),
-    Contender("algebraic, tuned", "algebraic", _algebraic(_SCALE_FREE, 1e3), _WINDOW | _VARIANCE),
-    Contender("residual, as given", "residual", _residual(_ODD, 1e5)),
-    Contender("residual, tuned, odd basis", "residual", _residual(_ODD, 1e3), _OBSERVER | _VARIANCE),
-    Contender("residual, tuned, with constant", "residual", _residual(_CONSTANT, 1e3), _OBSERVER | _VARIANCE),
-)
 
 
 def _noise_values(contender: Contender) -> dict[str, np.ndarray]:
     """Return what follows from the noise level, `(level,)` by path."""
     levels = np.array(LEVELS)
-    values = {f"sensing.{name}.noise_std": levels for name in _SENSORS}
+    values = {f"sensing.{name}.noise_std": levels for name in SENSORS}
     if contender.has_filter:
         names = ("reading_variance", "start_position_variance")
-        values |= {f"{_SIDE}velocity.{name}": levels**2 for name in names}
+        values |= {f"{SIDE}velocity.{name}": levels**2 for name in names}
     return values
 
 
@@ -210,33 +144,6 @@ def reproduce(folder: Path | None) -> Report:
         columns = {key: np.array([row[key] for row in map(_columns, cells)]) for key in _columns(cells[0])}
         write_table(folder / "duel.csv", columns)
     return Report(TITLE, _rows(cells), figures, [_verdict(cell) for cell in cells])
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One excitation at one noise level.
-
-    Args:
-        setting: name of the excitation.
-        level: noise on every position [rad].
-        mse: of each contender: mean over the held-out draws and its 95 % interval [(N·m/rad)²].
-        msrep: the same of the relative error [%].
-        residual: the name of the residual estimator with the better basis on the training draws.
-        ratios: mean MSE of the tuned residual estimator over that of another, by the other's name: value and
-            paired 95 % interval.
-        msrep_ratio: the same of MSREP, over the tuned algebraic observer's.
-    """
-
-    setting: str
-    level: float
-    mse: dict[str, tuple[float, float, float]]
-    msrep: dict[str, tuple[float, float, float]]
-    residual: str
-    ratios: dict[str, tuple[float, float, float]]
-    msrep_ratio: tuple[float, float, float]
-
-
-PRINTED, UNFILTERED, ALGEBRAIC, GIVEN, ODD, CONSTANT = (contender.name for contender in CONTENDERS)
 
 
 def _cell(entries: Mapping[str, Entry], setting: paper.Setting, level: int) -> Cell:
