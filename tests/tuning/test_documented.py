@@ -15,10 +15,10 @@ import pytest
 from tests.tuning.cli.reaching import Reached, reach, write_log
 from tests.tuning.documented import ROOT, Command, commands, documents
 from tuning.cli.main import cli
+from tuning.files.kinds import ARM_STUDY, LOG_STUDY, kind_of
 from tuning.files.toml import read_toml
 from tuning.kinds.arm.study import load_arm_study
-from tuning.kinds.log.answer import member
-from tuning.study.kinds import ARM_STUDY, LOG_STUDY, kind_of
+from tuning.problem.replay import member
 from tuning.study.loading import EstimationStudy, load_study, resolved, to_toml
 
 OTHER_PROGRAMS = {"make", ".", "python", "pip", "git", "cd", "dask", "eval"}

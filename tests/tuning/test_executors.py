@@ -19,6 +19,7 @@ import psutil
 import pytest
 
 from tests.tuning.builders import NOISE, PRIOR, SERIAL, SMALL, TINY, tiny_serial
+from tuning.cli.executors import executor_for
 from tuning.files.errors import InputError
 from tuning.runs import executors, scheduler
 from tuning.runs import workers as work
@@ -27,7 +28,6 @@ from tuning.runs.folder import RunStore
 from tuning.runs.workers import planner_of, run_chunk, run_share, spec_of
 from tuning.scoring import sweep
 from tuning.scoring.sweep import GridSweep
-from tuning.terminal.options import executor_for
 
 POINTS = 16
 AXES = {PRIOR: [0.1 * (i + 1) for i in range(POINTS)], NOISE: [0.01, 0.03]}

@@ -9,9 +9,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tuning.pictures.style import draw_sweep
 from tuning.report.pictures import scores as pictures
 from tuning.report.pictures.fronts import draw_front
+from tuning.report.pictures.searches import draw_sweep
 from tuning.scoring.sweep import say_edges
 from tuning.search.blackbox import Trial, find_front
 

@@ -10,11 +10,14 @@ from matplotlib.figure import Figure
 
 from tests.tuning.builders import FORGETTING, GAIN, PRIOR
 from tuning.files.errors import InputError
+from tuning.kinds.estimation.pictures import draw_recording
 from tuning.kinds.log.answer import Answer
+from tuning.kinds.log.pictures import draw_estimate
 from tuning.logs.clock import ClockReport
 from tuning.logs.reading import RecordingTable
 from tuning.logs.signal_map import canonical_map
-from tuning.pictures.style import draw_estimate, draw_recording, draw_sweep, draw_tuning, save
+from tuning.pictures.style import save
+from tuning.report.pictures.searches import draw_sweep, draw_tuning
 
 TIME = np.linspace(0.0, 1.0, 50)
 SIGNALS = {

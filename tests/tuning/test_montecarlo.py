@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import GAIN, RESIDUAL, SERIAL, SMALL, TINY, tiny_serial
-from tuning.kinds.log.answer import member, simulate_recording
+from tuning.problem.replay import member, simulate_recording
 from tuning.problem.scenarios import Problem, Status
 from tuning.runs.executors import Inline
 from tuning.scoring import montecarlo as module

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import vsajax
-from tuning.files.columns import write_table
+from tuning.files.whole import write_table
 from tuning.problem.build import build
 from tuning.study.parts import base, bench, control, estimators, joints, springs
 from tuning.study.parts.base import Part

@@ -8,7 +8,8 @@ import pytest
 from tests.tuning.builders import PRIOR, SERIAL, SMALL, TINY
 from tuning.scoring.remedies import advise, find_remedy
 from tuning.scoring.summary import summarise
-from tuning.study.population import METRICS, Population
+from tuning.study.population import Population
+from tuning.study.scores import SCORES
 
 RNG = np.random.default_rng(11)
 SIZE = 4000
@@ -91,7 +92,7 @@ def test_a_summary_says_what_to_do_or_that_there_is_nothing():
     numbers = drawn()
     vary = {path: {"type": "uniform", "low": 0.0, "high": 1.0} for path in numbers}
     population = Population.model_validate({"vary": vary, "failures": {"bad": "msrep > 1"}})
-    rows = {"scenario": np.arange(SIZE), "status": np.zeros(SIZE, int)} | {m: np.ones(SIZE) for m in METRICS}
+    rows = {"scenario": np.arange(SIZE), "status": np.zeros(SIZE, int)} | {m: np.ones(SIZE) for m in SCORES}
     rows |= numbers | {"msrep": np.where(numbers[COUNTS] == 4096.0, 2.0, 0.5)}
     said = summarise(rows, None, population, (), "msrep", 1)
     assert said.advice[0].startswith("bad (msrep > 1 %): ")

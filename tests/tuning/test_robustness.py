@@ -11,7 +11,8 @@ from scipy import stats
 from tests.tuning.builders import small_serial
 from tuning.problem.scenarios import Status
 from tuning.scoring.summary import has_failed, probability, quantile, sobol_influences, summarise, write_summary
-from tuning.study.population import METRICS, Population
+from tuning.study.population import Population
+from tuning.study.scores import SCORES
 
 RNG = np.random.default_rng(1)
 FACTORS = ("x1", "x2", "x3", "noise draw")
@@ -21,7 +22,7 @@ def rows(count: int, **columns) -> dict[str, np.ndarray]:
     """Return rows that are all scored, with every metric 1 where nothing else is said."""
     return (
         {"scenario": np.arange(count), "status": np.zeros(count, int)}
-        | {metric: np.ones(count) for metric in METRICS}
+        | {metric: np.ones(count) for metric in SCORES}
         | columns
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tuning.files.shipped import CONFIGS
-from tuning.kinds.log.answer import _why_unknown  # pyright: ignore[reportPrivateUsage]
+from tuning.kinds.log.answer import _why_unknown
 from tuning.study.loading import load_config
 
 

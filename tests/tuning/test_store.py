@@ -13,8 +13,9 @@ import pytest
 
 from tests.tuning.builders import PRIOR, small_serial
 from tuning.files.errors import InputError
+from tuning.files.whole import write_text
 from tuning.runs import folder as store_module
-from tuning.runs.folder import RunStore, open_run, write_text
+from tuning.runs.folder import RunStore, open_run
 from tuning.study.loading import parse_study, study_hash
 
 CHUNKS = ["a", "b", "c"]

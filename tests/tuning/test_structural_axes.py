@@ -10,7 +10,7 @@ import pytest
 
 from tests.tuning.builders import PRIOR, SERIAL, SMALL, tiny_serial
 from tuning.files.errors import InputError
-from tuning.pictures.style import draw_sweep
+from tuning.report.pictures.searches import draw_sweep
 from tuning.scoring.sweep import plan_sweep
 from tuning.study.loading import grid_structures, load_study, structural_paths, study_hash, with_grid
 

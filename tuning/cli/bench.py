@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tuning.cli.following import words
+from tuning.terminal.following import words
 from tuning.terminal.options import JSON, QUIET, emit, table
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tuning.cli.following import words
+from tuning.terminal.following import words
 from tuning.terminal.options import (
     JSON,
     QUIET,
@@ -154,8 +154,9 @@ def _compared(
     study: Study, found: Sequence[Contender], labels: Sequence[str], folder: Path
 ) -> tuple[list[dict[str, Any]], Callable[[], str], Path]:
     """Return rows of a comparison for machines, the same as text for people, and its picture in a run folder."""
-    from tuning.pictures.style import draw_tuning, save
-    from tuning.scoring.intervals import unit_of
+    from tuning.pictures.style import save
+    from tuning.report.pictures.searches import draw_tuning
+    from tuning.study.scores import unit_of
 
     objective = study.tune.objective
     each = dict(zip(labels, (contender.judgement.each for contender in found), strict=True))

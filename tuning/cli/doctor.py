@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from tuning.cli.following import start
+from tuning.terminal.following import start
 from tuning.terminal.options import JSON, QUIET, emit
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tuning.cli.following import Words, words
+from tuning.terminal.following import Words, words
 from tuning.terminal.options import JSON, QUIET, SETTINGS, emit, refuse_given
 
 if TYPE_CHECKING:

@@ -1,61 +1,14 @@
-"""The command to type next, with which every command ends. Nothing here imports jax.
-
-A next command is a list of words that works as it stands: files that are there, folders that are not.
-"""
+"""What to type after a study was read: what makes most of it. Nothing here imports jax."""
 
 from __future__ import annotations
 
-import itertools
-import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 if TYPE_CHECKING:
     from tuning.study.loading import Study
-
-Words = list[str]
-
-
-def words(*parts: object, settings: Sequence[str] = ()) -> Words:
-    """Return a command's words, and `--set` for each of the settings that the command before it was given."""
-    return [*map(str, parts), *itertools.chain.from_iterable(("--set", setting) for setting in settings)]
-
-
-def sentence(following: Words) -> str:
-    """Return the line that says what to type next, quoted for a shell."""
-    return f"Next: vsajax {shlex.join(following)}"
-
-
-def fresh(path: Path) -> Path:
-    """Return a path where nothing lies yet: this one, or the first of `NAME-2`, `NAME-3`, …."""
-    if not path.exists():
-        return path
-    others = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
-    return next(other for other in others if not other.exists())
-
-
-def run_folder(name: str, beside: Path | None = None) -> Path:
-    """Return a free run folder: beside another run, or below `runs`."""
-    return fresh((Path("runs") if beside is None else beside.parent) / name)
-
-
-def again(*, without: str = "", extra: Sequence[object] = ()) -> Words:
-    """Return the words of the command that runs now, one left out and some added."""
-    given: Sequence[str] = click.get_current_context().find_root().obj or ()
-    return [*(word for word in given if word != without), *map(str, extra)]
-
-
-def start(kind: str = "serial", stem: str = "study") -> Words:
-    """Return how to write an example of a kind."""
-    return words("init", kind, fresh(Path(f"{stem}.toml")))
-
-
-def deploy(config: Path, settings: Sequence[str] = ()) -> Words:
-    """Return how to export a configuration as C, checked by a compiler where there is one."""
-    return words("export", config, "--to", "c99", "-o", fresh(Path("deploy")), "--check", settings=settings)
+from tuning.terminal.following import Words, deploy, fresh, run_folder, start, words
 
 
 def improve(study: Study, path: Path, settings: Sequence[str] = (), *, beside: Path | None = None) -> Words:
@@ -106,7 +59,7 @@ def after_check(label: str, kind: str, path: Path, settings: Sequence[str]) -> W
         path: the file.
         settings: with which it was read.
     """
-    from tuning.study import kinds
+    from tuning.files import kinds
 
     match label:
         case kinds.STUDY.name:
@@ -121,6 +74,3 @@ def after_check(label: str, kind: str, path: Path, settings: Sequence[str]) -> W
             return start("arm", "arm")
         case _:
             return start(kind, kind)
-
-
-Following = Words | Callable[[], Words]

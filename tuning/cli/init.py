@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tuning.cli.following import after_check, start, words
+from tuning.cli.following import after_check
+from tuning.terminal.following import start, words
 from tuning.terminal.options import JSON, QUIET, SETTINGS, STUDY, emit
 
 if TYPE_CHECKING:
+    from tuning.files.kinds import FileKind
     from tuning.files.toml import Table
-    from tuning.study.kinds import FileKind
     from tuning.study.limits import Need
 
 
@@ -43,7 +44,7 @@ def init(
         return
     from tuning.files.errors import input_error
     from tuning.files.shipped import find_shipped
-    from tuning.runs.folder import write_text
+    from tuning.files.whole import write_text
 
     example = find_shipped(kind, f"KIND: got {kind!r}")
     if file is not None and output is not None:
@@ -72,8 +73,8 @@ def _init_map(log: Path | None, output: Path | None, *, as_json: bool, quiet: bo
     from dataclasses import asdict
 
     from tuning.files.errors import input_error, printable
+    from tuning.files.whole import write_text
     from tuning.logs.guess import propose, to_map
-    from tuning.runs.folder import write_text
 
     if log is None:
         raise input_error("init map", "no log named", "vsajax init map LOG")
@@ -166,9 +167,9 @@ def _kind_of_joint(config: Table) -> str:
 
 def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
     """Return a TOML file of any kind, and which kind that is; what none recognises is read as a configuration."""
+    from tuning.files import kinds
     from tuning.files.tables import with_settings
     from tuning.files.toml import read_toml
-    from tuning.study import kinds
 
     tables = with_settings(read_toml(path), settings)
     kind = kinds.kind_of(tables)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tuning.cli.following import again, words
+from tuning.cli.executors import executor_for, machines_of, needs_of_workers, with_executor
+from tuning.terminal.following import again, words
 from tuning.terminal.options import (
     JSON,
     QUIET,
@@ -18,12 +19,8 @@ from tuning.terminal.options import (
     SETTINGS,
     STUDY,
     emit,
-    executor_for,
-    machines_of,
-    needs_of_workers,
     refuse_given,
     table,
-    with_executor,
     with_seed,
 )
 
@@ -175,14 +172,13 @@ def _number(value: float) -> str:
 
 
 def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures: list[Any]) -> str:
-    from tuning.scoring.intervals import unit_of
+    from tuning.study.scores import SCORES, unit_of
 
     levels = list(next(iter(summary.quantiles.values())))
     rows = [
         [f"{metric}{_bracketed(unit_of(metric))}", *map(_quantile, quantiles.values())]
         for metric, quantiles in summary.quantiles.items()
-        if metric in {"msrep", "msrep_settled", "mse_settled", "convergence_time", "known_time", "coverage"}
-        or metric in {"settling_time", "log_energy", "residual", "switches"}
+        if SCORES[metric].is_shown
         if any(q.value == q.value for q in quantiles.values())
     ]
     lines = [

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tuning.cli.following import Words, again, deploy, words
+from tuning.terminal.following import Words, again, deploy, words
 from tuning.terminal.options import JSON, QUIET, emit
 
 
@@ -27,9 +27,9 @@ def report(run: Path, other: Path | None, output: Path | None, opens: bool, as_j
     from tuning.runs.machine import start_jax
 
     start_jax()
+    from tuning.files.whole import write_text
     from tuning.kinds.arm.run import is_arm_run, read_run
     from tuning.kinds.log.search_page import is_log_search, report_log_search
-    from tuning.runs.folder import write_text
 
     best = run / "best.toml"
     folders = [folder for folder in (run, other) if folder is not None]

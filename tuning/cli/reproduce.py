@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tuning.cli.following import start
+from tuning.terminal.following import start
 from tuning.terminal.options import JSON, QUIET, emit, table
 
 _EXAMPLES = {"cartesian": "arm", "duel": "serial", "all": "serial"}

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tuning.cli.following import Words, again, deploy, fresh, improve, words
+from tuning.cli.following import improve
+from tuning.terminal.following import Words, again, deploy, fresh, words
 from tuning.terminal.options import JSON, QUIET, SEED, SETTINGS, STUDY, emit, output_file, with_seed
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def simulate(
     quiet: bool,
 ) -> None:
     """Simulate one recording of STUDY, with truth columns, and draw it beside the file."""
-    from tuning.files.columns import table_suffix
+    from tuning.files.whole import table_suffix
     from tuning.study.loading import load_study
 
     own = with_seed(settings, seed)
@@ -52,10 +53,11 @@ def simulate(
     require(of_recording(loaded, str(study)))
     require_drawable(loaded, scenario + 1, "--scenario")
     start_jax()
-    from tuning.files.columns import write_table
-    from tuning.kinds.log.answer import member, simulate_recording, simulate_swing
-    from tuning.pictures.style import draw_recording, draw_swing, save
-    from tuning.runs.folder import write_text
+    from tuning.files.whole import write_table, write_text
+    from tuning.kinds.damping.pictures import draw_swing
+    from tuning.kinds.estimation.pictures import draw_recording
+    from tuning.pictures.style import save
+    from tuning.problem.replay import member, simulate_recording, simulate_swing
     from tuning.study.loading import EstimationStudy, resolved, to_toml
 
     if isinstance(loaded, EstimationStudy):
@@ -128,8 +130,8 @@ def estimate(
 
     Where the recording has a column true_stiffness, the answer is scored against it.
     """
-    from tuning.files.columns import table_suffix
     from tuning.files.errors import input_error, printable
+    from tuning.files.whole import table_suffix
     from tuning.logs.reading import read_recording
     from tuning.study.loading import Config, load_config, require_regular_clock
 
@@ -156,9 +158,10 @@ def estimate(
 
     require(of_fit(loaded.estimator, str(config), samples=len(table.columns["time"])))
     start_jax()
-    from tuning.files.columns import write_table
+    from tuning.files.whole import write_table
     from tuning.kinds.log.answer import estimate_recording
-    from tuning.pictures.style import draw_estimate, save
+    from tuning.kinds.log.pictures import draw_estimate
+    from tuning.pictures.style import save
 
     answer = estimate_recording(loaded, table)
     write_table(output, answer.columns)
@@ -166,8 +169,8 @@ def estimate(
     picture = save(draw_estimate(answer, table, title=title), output.with_suffix(".png"))
     wrote = f"wrote {output} and {picture}"
     if page is not None:
+        from tuning.files.whole import write_text
         from tuning.kinds.log.page import report_log
-        from tuning.runs.folder import write_text
 
         write_text(page, report_log(answer, table, loaded, title=title).html())
         wrote = f"wrote {output}, {picture} and {page}"

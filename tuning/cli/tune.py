@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tuning.cli.following import Words, again, deploy, improve, run_folder, words
+from tuning.cli.executors import executor_for, machines_of, needs_of_workers, with_executor
+from tuning.cli.following import improve
+from tuning.terminal.following import Words, again, deploy, run_folder, words
 from tuning.terminal.options import (
     JSON,
     QUIET,
@@ -19,12 +21,8 @@ from tuning.terminal.options import (
     STUDY,
     between,
     emit,
-    executor_for,
-    machines_of,
-    needs_of_workers,
     refuse_given,
     table,
-    with_executor,
     with_seed,
     with_trials,
 )
@@ -111,7 +109,8 @@ def sweep(
     objective = loaded.tune.objective
     rows = rank(results, list(planned.axes), objective)
     # Half a second, which the first result need not wait for.
-    from tuning.pictures.style import draw_sweep, save
+    from tuning.pictures.style import save
+    from tuning.report.pictures.searches import draw_sweep
 
     picture = save(draw_sweep(rows, planned.axes, objective), folder / "figures" / "sweep.png")
     best = write_winner(planned, rows[0], folder / "best.toml")
@@ -243,8 +242,9 @@ def tune(
         tuned = run_tuning(search, folder, resume=resume, quiet=quiet)
         tell = _gridded if method == "grid" else _refined
         report, lines = tell(tuned, search.paths, loaded.tune.objective)
-    from tuning.pictures.style import draw_tuning, save
-    from tuning.scoring.intervals import unit_of
+    from tuning.pictures.style import save
+    from tuning.report.pictures.searches import draw_tuning
+    from tuning.study.scores import unit_of
 
     picture = save(
         draw_tuning({"before": tuned.before.each, "tuned": tuned.held_out.each}, loaded.tune.objective),
@@ -298,7 +298,7 @@ def _refined(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict
     """Return what is reported of the starts of a gradient, for machines and for people."""
     from dataclasses import asdict
 
-    from tuning.scoring.intervals import unit_of
+    from tuning.study.scores import unit_of
 
     headers = [
         "start",
@@ -313,7 +313,7 @@ def _refined(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict
 
 def _gridded(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict[str, Any], list[str]]:
     """Return what is reported of the points of a grid, for machines and for people."""
-    from tuning.scoring.intervals import unit_of
+    from tuning.study.scores import unit_of
 
     headers = ["", *(p.removeprefix("estimator.") for p in paths), f"train {objective}{unit_of(objective)}"]
     rows = [[n + 1, *values.values(), score] for n, (score, values) in enumerate(tuned.screened[:5])]

@@ -14,7 +14,7 @@ from typing import Any
 
 from tuning.files.errors import input_error
 from tuning.files.shipped import located
-from tuning.runs.folder import write_text
+from tuning.files.whole import write_text
 
 CONFIGS = ("serial", "antagonistic", "antagonistic_residual", "sea_sensor", "damping")
 """Shipped files."""

@@ -20,7 +20,7 @@ from tuning.exports.readme import readme_of
 from tuning.exports.recheck import CHECKS, Exported, read_manifest, run_check
 from tuning.files.errors import InputError, input_error
 from tuning.files.text import plain
-from tuning.runs.folder import write_bytes, write_text
+from tuning.files.whole import write_bytes, write_text
 from tuning.study.loading import study_hash
 
 SECONDS = 10.0

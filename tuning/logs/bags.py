@@ -16,8 +16,8 @@ import pyarrow as pa
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from tuning.files.columns import LogFile
 from tuning.files.errors import input_error
+from tuning.logs.columns import LogFile
 from tuning.logs.formats import WIDEST
 
 _RECEIVED, _STAMP, _PUBLISHER = "received", "header.stamp", "publisher"

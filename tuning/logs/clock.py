@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tuning.files.columns import LogFile
 from tuning.files.errors import input_error
+from tuning.logs.columns import LogFile
 from tuning.logs.findings import Fault
 from tuning.logs.signal_map import PER_SECOND, Clock
 from tuning.logs.streams import column_in

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tuning.files.columns import LogFile
+from tuning.logs.columns import LogFile
 from tuning.logs.curves import left_over, powers
 from tuning.logs.findings import Fault, FaultName, Samples, name_stretches
 from tuning.logs.signal_map import Angle, SignalMap

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from tuning.files.columns import LogFile
+from tuning.logs.columns import LogFile
 
 FaultName = Literal[
     "wrapped encoder",

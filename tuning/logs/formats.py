@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from tuning.files.columns import READ_SUFFIXES as TABLE_SUFFIXES
-from tuning.files.columns import LogFile, check_readable, read_log_file
 from tuning.files.errors import InputError, input_error
+from tuning.logs.columns import READ_SUFFIXES as TABLE_SUFFIXES
+from tuning.logs.columns import LogFile, check_readable, read_log_file
 from tuning.logs.layout import AS_FOUND, FileFormat
 from tuning.logs.rows import split_rows
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from tuning.files.columns import LogFile
 from tuning.files.errors import InputError, input_error, printable
+from tuning.logs.columns import LogFile
 from tuning.logs.faults import find_wraps
 from tuning.logs.signal_map import PER_SECOND, Angle, Kind, name_need, signals_of, unmet_needs
 from tuning.logs.streams import Log, open_log

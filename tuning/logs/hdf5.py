@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pyarrow as pa
 
-from tuning.files.columns import LogFile
 from tuning.files.errors import input_error
+from tuning.logs.columns import LogFile
 from tuning.logs.formats import group_by_length, split_matrix
 
 

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from tuning.files.columns import LogFile
 from tuning.files.errors import input_error
+from tuning.logs.columns import LogFile
 from tuning.logs.formats import group_by_length, split_matrix
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"

@@ -11,8 +11,8 @@ from typing import Any, cast
 import numpy as np
 import pyarrow as pa
 
-from tuning.files.columns import LogFile, read_plain_file, write_table
 from tuning.files.errors import InputError, Mistake, input_error, printable
+from tuning.files.whole import write_table
 from tuning.logs.clock import (
     FEWEST_SAMPLES,
     ClockReport,
@@ -26,6 +26,7 @@ from tuning.logs.clock import (
     resolve_clock,
     rows_since,
 )
+from tuning.logs.columns import LogFile, read_plain_file
 from tuning.logs.faults import find_units, find_wraps, resolution
 from tuning.logs.findings import Fault, Samples, is_sound
 from tuning.logs.positions import find_gear, find_rigid

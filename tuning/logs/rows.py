@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 
-from tuning.files.columns import LogFile
+from tuning.logs.columns import LogFile
 from tuning.logs.layout import FileFormat
 
 _OVERLAP = 0.1

@@ -13,10 +13,10 @@ from typing import Annotated, Any, Literal, Self, get_args
 import numpy as np
 import pydantic
 
+from tuning.files.kinds import SIGNAL_MAP, require_kind
 from tuning.files.tables import with_settings
 from tuning.files.toml import Table, read_toml, validate
 from tuning.logs.layout import AS_FOUND, FileFormat
-from tuning.study.kinds import SIGNAL_MAP, require_kind
 
 Kind = Literal["serial", "antagonistic", "sea"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tuning.files.columns import LogFile
 from tuning.files.errors import InputError, Mistake
+from tuning.logs.columns import LogFile
 from tuning.logs.formats import read_streams
 from tuning.logs.layout import AS_FOUND, FileFormat
 

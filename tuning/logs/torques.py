@@ -21,13 +21,6 @@ from tuning.logs.curves import (
 )
 from tuning.logs.findings import Fault
 from tuning.logs.signal_map import SignalMap
-from tuning.study.parts.estimators import (
-    AlgebraicObserver,
-    AntagonisticPair,
-    Estimator,
-    Polynomial,
-    SeparableOddPolynomial,
-)
 
 _DEGREE = math.pi / 180.0
 _OPPOSITE = -0.9
@@ -69,22 +62,6 @@ class Assumptions:
     is_matched: bool = True
     has_friction: bool = True
     has_offset: bool = True
-
-    @classmethod
-    def of(cls, estimator: Estimator) -> Assumptions:
-        """Return those of an estimator; of one a side, those of the first."""
-        if isinstance(estimator, AntagonisticPair):
-            estimator = estimator.side
-        basis = estimator.basis
-        if isinstance(basis, SeparableOddPolynomial):
-            has_offset = basis.deflection_offset or basis.torque_bias
-        else:
-            has_offset = isinstance(basis, Polynomial)
-        if isinstance(estimator, AlgebraicObserver):
-            return cls("algebraic", True, False, has_offset)
-        source = estimator.torque
-        has_friction = source.type != "residual" or bool(source.friction_torque)
-        return cls(source.type, estimator.matched or source.type != "residual", has_friction, has_offset)
 
     @property
     def is_measured(self) -> bool:

@@ -11,8 +11,8 @@ from tuning.report import tables
 from tuning.report.elements import Parts, say_difference, say_value, show_distributions, show_traces
 from tuning.report.gather import FinishedRun, contender_file
 from tuning.report.pictures.scores import short_paths
-from tuning.scoring.intervals import unit_of
 from tuning.study.loading import load_config, numeric_paths
+from tuning.study.scores import unit_of
 
 _CONTENDERS = 6
 """Estimators whose traces are shown."""

@@ -14,10 +14,10 @@ from tuning.report.effort import show_effort, tabulate_effort
 from tuning.report.elements import say_difference, say_value, show_distributions, show_traces
 from tuning.report.gather import Contestant, FinishedRun, is_paired, short_names
 from tuning.report.pictures import scores as pictures
-from tuning.report.pictures.scores import UNITS
 from tuning.report.population import describe_population
 from tuning.report.searches import describe_sweep, describe_tuning
 from tuning.study.loading import to_toml
+from tuning.study.scores import title_of
 
 _DESCRIBE = {
     "montecarlo": describe_population,
@@ -107,7 +107,7 @@ def _pair_pictures(runs: dict[str, FinishedRun], a: Contestant, b: Contestant, *
             "Scenario by scenario",
             pictures.draw_pairs(first, second, (a.name, b.name), objective),
             f"A point a scenario; below the line, {b.name} is better.",
-            f"{UNITS[objective]} of {b.name} against that of {a.name} in {first.size} scenarios; "
+            f"{title_of(objective)} of {b.name} against that of {a.name} in {first.size} scenarios; "
             f"{b.name} is better in {int(np.sum(second < first))}.",
         )
     for run, one in zip(runs.values(), (a, b), strict=True):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from tuning.pictures.page import Picture, Table, number
 from tuning.pictures.style import new_figure
 from tuning.report.gather import FinishedRun
-from tuning.report.pictures.scores import UNITS
+from tuning.study.scores import title_of
 
 _REACHED = 1.01
 """Of the score that all searches reach, what counts as reached."""
@@ -50,7 +50,7 @@ def show_effort(runs: Mapping[str, FinishedRun]) -> Iterator[Picture]:
     efforts = {name: effort for name, run in runs.items() if np.isfinite((effort := effort_of(run)).best).any()}
     if not efforts:
         return
-    label = f"best so far in training:\n{UNITS[next(iter(runs.values())).objective]}"
+    label = f"best so far in training:\n{title_of(next(iter(runs.values())).objective)}"
     said = [
         f"{name or 'the search'} ends at {number(float(e.best[-1]))} after {e.evaluations[-1]} evaluations"
         for name, e in efforts.items()

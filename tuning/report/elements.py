@@ -15,20 +15,13 @@ from tuning.report import tables
 from tuning.report.gather import Contestant, FinishedRun
 from tuning.report.pictures import scores as pictures
 from tuning.report.pictures.populations import draw_numbers
-from tuning.report.pictures.scores import UNITS
-from tuning.scoring.intervals import unit_of
 from tuning.study.loading import DampingStudy, EstimationStudy
+from tuning.study.scores import SCORES, title_of, unit_of
 
 SHOWN = 32
 """Scenarios in a band over time."""
 _LINES = 30
 _STREAMS = {"population": "robots of the population", "held_out": "held-out noise draws"}
-_NAMES = {
-    "msrep": "MSREP",
-    "msrep_settled": "MSREP after the warm-up",
-    "log_energy": "log-energy",
-    "settling_time": "settling time",
-}
 
 
 @dataclass(frozen=True)
@@ -56,7 +49,7 @@ def say_value(run: FinishedRun, one: Contestant) -> str:
     if not values.size:
         return f"no finite {run.objective}"
     found = tables.estimated(values, statistic, seed=run.study.seed)
-    value = f"{statistic.label} {_NAMES[run.objective]} {number(found.value)}{unit_of(run.objective)}"
+    value = f"{statistic.label} {SCORES[run.objective].label} {number(found.value)}{unit_of(run.objective)}"
     return value if np.isnan(found.low) else f"{value} [{number(found.low)}, {number(found.high)}]"
 
 
@@ -113,7 +106,7 @@ def show_distributions(contestants: list[Contestant], metric: str) -> Picture:
         "Scores over each other",
         pictures.draw_shares(groups, metric),
         "Share of the scenarios whose score is below; further left is better. In brackets: scenarios.",
-        f"Distributions of {UNITS[metric]}: {medians_of(groups)}.",
+        f"Distributions of {title_of(metric)}: {medians_of(groups)}.",
     )
 
 
@@ -123,7 +116,7 @@ def show_causes(rows: dict[str, np.ndarray], names: list[str], objective: str) -
         "Score against each number",
         draw_numbers(rows, names, objective, across=2),
         "Median and 90 % band of the score among scenarios in which the number is about there.",
-        f"{UNITS[objective]} against {', '.join(names)}: median and 90 % band.",
+        f"{title_of(objective)} against {', '.join(names)}: median and 90 % band.",
     )
 
 

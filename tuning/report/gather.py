@@ -31,7 +31,7 @@ from tuning.study.loading import (
     study_hash,
     with_numbers,
 )
-from tuning.study.population import METRICS
+from tuning.study.scores import SCORES
 
 COMMANDS = ("montecarlo", "sweep", "tune", "compare", "contest")
 _WORST = 5
@@ -224,7 +224,7 @@ def _missing(run: FinishedRun) -> str:
 
 
 def _metrics(columns: Columns, rows: np.ndarray) -> dict[str, np.ndarray]:
-    return {name: columns[name][rows] for name in METRICS if name in columns}
+    return {name: columns[name][rows] for name in SCORES if name in columns}
 
 
 def _population(run: FinishedRun) -> list[Contestant]:

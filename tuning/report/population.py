@@ -17,10 +17,10 @@ from tuning.report.elements import SHOWN, Parts, medians_of, show_band, show_cau
 from tuning.report.gather import FinishedRun
 from tuning.report.pictures import scores as pictures
 from tuning.report.pictures.populations import draw_influences, draw_spread
-from tuning.report.pictures.scores import UNITS, short_paths, short_rows
-from tuning.scoring.intervals import unit_of
+from tuning.report.pictures.scores import short_paths, short_rows
 from tuning.scoring.summary import has_failed
 from tuning.study.loading import DampingStudy, EstimationStudy
+from tuning.study.scores import title_of, unit_of
 
 
 def describe_population(run: FinishedRun) -> Parts:
@@ -78,7 +78,7 @@ def _population_pictures(run: FinishedRun) -> Iterator[Picture]:
         "How the scores are spread",
         draw_spread(rows, run.study, summary, across=1),
         f"{int(counted.sum())} of {counted.size} robots have scores.",
-        f"Distribution of {UNITS[objective]} and of the convergence time; "
+        f"Distribution of {title_of(objective)} and of the convergence time; "
         f"median {number(q[0.5].value)}, 95 % quantile {number(q[0.95].value)}.",
     )
     if summary.influences:
@@ -126,5 +126,5 @@ def _by_failure(run: FinishedRun) -> Picture:
         "Scores by failure and ending",
         pictures.draw_shares(groups, objective),
         "In brackets: robots. A curve ends below 100 % by the share that has no finite score.",
-        f"Distributions of {UNITS[objective]} by group: {medians_of(groups)}.",
+        f"Distributions of {title_of(objective)} by group: {medians_of(groups)}.",
     )

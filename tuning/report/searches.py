@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tuning.pictures.page import Picture, number, valued
-from tuning.pictures.style import NEAR, draw_sweep
 from tuning.report import tables
 from tuning.report.effort import show_effort
 from tuning.report.elements import (
@@ -26,9 +25,10 @@ from tuning.report.elements import (
 )
 from tuning.report.gather import Contestant, FinishedRun
 from tuning.report.pictures import scores as pictures
-from tuning.report.pictures.populations import time_of
-from tuning.report.pictures.scores import UNITS, short_paths, short_rows
+from tuning.report.pictures.scores import short_paths, short_rows
+from tuning.report.pictures.searches import NEAR, draw_sweep
 from tuning.scoring.sweep import say_edges
+from tuning.study.scores import time_of, title_of
 
 _PAIRS = 6
 """Heat maps of a sweep with many axes."""
@@ -48,7 +48,7 @@ def describe_sweep(run: FinishedRun) -> Parts:
     )
     objective = run.objective
     found = [
-        tables.tabulate_ranking(ranking, list(run.axes), "mean", f"mean {UNITS[objective]}"),
+        tables.tabulate_ranking(ranking, list(run.axes), "mean", f"mean {title_of(objective)}"),
         replace(
             tables.tabulate_scores(run.contestants, run.study.seed, run.study.tune.statistic),
             title="Scores of the best configuration",
@@ -82,8 +82,8 @@ def _sweep_pictures(run: FinishedRun) -> Iterator[Picture]:
     numbers = short_paths(paths)
     scored = [renamed(row, paths, numbers) for row in ranking if np.isfinite(row["mean"])]
     if scored and len(numbers) > 1:
-        yield show_parallel(scored, numbers, "mean", f"mean {UNITS[objective]}")
-    yield show_front(*_configurations(run), f"mean {UNITS[objective]}")
+        yield show_parallel(scored, numbers, "mean", f"mean {title_of(objective)}")
+    yield show_front(*_configurations(run), f"mean {title_of(objective)}")
     if paths:
         yield show_causes(*short_rows(run.columns, paths), objective)
 
@@ -118,7 +118,7 @@ def describe_tuning(run: FinishedRun) -> Parts:
         ),
     ]
     if tried:
-        label = f"training {UNITS[run.objective]}"
+        label = f"training {title_of(run.objective)}"
         found.insert(0, tables.tabulate_ranking(tried, _numbers_of(run, tried), "objective", label))
     return Parts(headline, _tune_pictures(run), found, [])
 
@@ -158,7 +158,7 @@ def _tune_pictures(run: FinishedRun) -> Iterator[Picture]:
     tried = [row for row in tried if all(np.isfinite(row[path]) for path in paths)]
     names = short_paths(paths)
     tried = [renamed(row, paths, names) for row in tried]
-    label = f"training {UNITS[objective]}"
+    label = f"training {title_of(objective)}"
     if len(names) > 1 and len(tried) > 1:
         yield _points(tried, names, label)
         yield show_parallel(tried, names, "objective", label)

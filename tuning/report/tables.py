@@ -10,13 +10,13 @@ import numpy as np
 import scipy
 
 from tuning.pictures.page import Table, number, signed, span
-from tuning.pictures.style import NEAR, SWING_UNITS
 from tuning.report.gather import Contestant, FinishedRun
-from tuning.report.pictures.scores import UNITS, short_paths
+from tuning.report.pictures.scores import short_paths
+from tuning.report.pictures.searches import NEAR
 from tuning.scoring.intervals import interval, paired_interval
 from tuning.scoring.summary import Interval, Summary
 from tuning.study.loading import resolved
-from tuning.study.population import METRICS
+from tuning.study.scores import SCORES, title_of
 from tuning.study.statistic import Statistic
 
 _LEVELS = (0.05, 0.5, 0.95)
@@ -36,7 +36,7 @@ def bracketed(value: Interval, scale: float = 1.0) -> str:
 def tabulate_quantiles(summary: Summary) -> Table:
     """Return the quantiles of every metric over a population."""
     levels = list(next(iter(summary.quantiles.values())))
-    rows = [[UNITS[m], *(bracketed(q) for q in found.values())] for m, found in summary.quantiles.items()]
+    rows = [[title_of(m), *(bracketed(q) for q in found.values())] for m, found in summary.quantiles.items()]
     headers = ["score", *(f"{100 * level:g} %" for level in levels)]
     return Table("Quantiles over the robots", headers, rows, f"{INTERVALS} They are distribution-free.")
 
@@ -73,11 +73,11 @@ def tabulate_influences(summary: Summary, objective: str) -> Table:
 def tabulate_scores(contestants: Sequence[Contestant], seed: int, statistic: Statistic) -> Table:
     """Return quantiles of every metric side by side."""
     rows = []
-    for metric in METRICS:
+    for metric in SCORES:
         shown = [c.scores[metric][~np.isnan(c.scores[metric])] for c in contestants if metric in c.scores]
         if len(shown) != len(contestants) or any(not values.size for values in shown):
             continue
-        cells: list[object] = [UNITS[metric]]
+        cells: list[object] = [title_of(metric)]
         for values in shown:
             found = estimated(values, statistic, seed=seed)
             cells += [found.value, span(found.low, found.high)]
@@ -120,7 +120,7 @@ def tabulate_quantiles_of_two(summaries: Mapping[str, Summary]) -> Table:
     metrics = next(iter(summaries.values())).quantiles
     headers = ["score", *(f"{name}: {100 * level:g} %" for name in summaries for level in _LEVELS)]
     rows = [
-        [UNITS[m], *(bracketed(s.quantiles[m][level]) for s in summaries.values() for level in _LEVELS)]
+        [title_of(m), *(bracketed(s.quantiles[m][level]) for s in summaries.values() for level in _LEVELS)]
         for m in metrics
     ]
     return Table("Quantiles over the robots", headers, rows, INTERVALS)
@@ -178,18 +178,15 @@ def both_finite(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.n
 def tabulate_differences(first: Contestant, second: Contestant, statistic: Statistic, seed: int) -> Table:
     """Return paired differences of scores, second minus first, on the same scenarios."""
     rows, used = [], dict.fromkeys([statistic, *STATISTICS])
-    for metric in (
-        *("msrep", "msrep_settled", "convergence_time", "max_relative_error", "coverage"),
-        *SWING_UNITS,
-    ):
+    for metric in SCORES:
         if metric not in first.scores or metric not in second.scores:
             continue
         a, b = both_finite(first.scores[metric], second.scores[metric])
-        cells: list[object] = [UNITS[metric]]
+        cells: list[object] = [title_of(metric)]
         for one in used:
             found = paired(a, b, one, seed=seed)
             cells.append(f"{signed(found.value)} [{signed(found.low)}, {signed(found.high)}]")
-        wins = f"{100 * np.mean(b > a if metric == 'coverage' else b < a):.0f}" if a.size else "–"
+        wins = f"{100 * np.mean(b > a if SCORES[metric].better == 'high' else b < a):.0f}" if a.size else "–"
         rows.append([*cells, wins, a.size])
     headers = ["score", *(one.label for one in used), f"{second.name} better [% of scenarios]", "scenarios"]
     note = f"{second.name} minus {first.name}, scenario by scenario. {INTERVALS}"

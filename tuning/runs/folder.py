@@ -44,6 +44,23 @@ from tuning.files.seal import (
     sealed,
 )
 from tuning.study.loading import Study, hash_resolved, resolved, study_hash
+from tuning.files.whole import write_tables, write_text
+
+import itertools
+import os
+import uuid
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pa_parquet
+import pyarrow.parquet as pq
+from tuning.files.errors import input_error
+from tuning.files.seal import (
+    KEY,
+    Digest,
+)
 
 _LEGACY = {
     "command": str,
@@ -151,7 +168,7 @@ class RunStore:
         path = self.folder / f"{_RESULTS}.parquet"
         if path.exists():
             is_file(path)
-        _write_tables(path, tables, lambda digest: metadata_of(digest.seal(self.run, _RESULTS)))
+        write_tables(path, tables, lambda digest: metadata_of(digest.seal(self.run, _RESULTS)))
         return path
 
     def _tables(self) -> Iterator[pa.Table]:
@@ -329,21 +346,6 @@ _KINDS = {
 }
 
 
-def read_table(path: Path) -> pa.Table:
-    """Return a Parquet file that a run has written.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    if not is_file(path):
-        raise input_error(path, "no such file", _AGAIN)
-    try:
-        with pq.ParquetFile(path) as file:
-            # What is added to a file once its rows are known is not in its schema.
-            held = (file.metadata.metadata or {}).get(KEY)
-            return file.read().replace_schema_metadata(None if held is None else {KEY: held})
-    except (OSError, ValueError, TypeError, OverflowError, MemoryError, pa.ArrowException) as error:
-        raise input_error(path, f"cannot be read ({_first_line(error)})", _AGAIN) from None
 
 
 def read_sealed(path: Path, run: str, chunk: str, *, needs_seal: bool = True) -> pa.Table:
@@ -391,7 +393,7 @@ def write_sealed(path: Path, columns: Mapping[str, np.ndarray], run: str, chunk:
     Raises:
         InputError: it cannot be written.
     """
-    _write_tables(path, [sealed(_table_of(columns), run, chunk)])
+    write_tables(path, [sealed(_table_of(columns), run, chunk)])
 
 
 def _table_of(columns: Mapping[str, np.ndarray]) -> pa.Table:
@@ -402,70 +404,32 @@ def _first_line(error: BaseException) -> str:
     return str(error).strip().partition("\n")[0][:200] or type(error).__name__
 
 
-def _write_tables(
-    path: Path, tables: Iterable[pa.Table], closing: Callable[[Digest], dict[bytes, bytes]] | None = None
-) -> None:
-    """Write tables of one schema, one after another, to a Parquet file: whole or not at all.
-
-    Args:
-        path: the file.
-        tables: its rows.
-        closing: the metadata that the file gets once all rows are known.
-    """
-    beside = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            rest = iter(tables)
-            first = next(rest)
-            digest = Digest()
-            with pq.ParquetWriter(beside, first.schema) as writer:
-                for table in itertools.chain([first], rest):
-                    writer.write_table(table)
-                    if closing:
-                        digest.update(table)
-                if closing:
-                    writer.add_key_value_metadata(closing(digest))
-            _put_in_place(beside, path)
-        finally:
-            beside.unlink(missing_ok=True)
-    except OSError as error:
-        # pyarrow words the reason in its own way.
-        problem = f"cannot be written ({os.strerror(error.errno) if error.errno else error})"
-        raise input_error(path, problem, "make room there, then go on with --resume") from None
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file so that a crash leaves either the old file or the new one, never half of one.
-
-    Raises:
-        InputError: the file cannot be written there.
-    """
-    write_bytes(path, text.encode())
 
 
-def write_bytes(path: Path, contents: bytes) -> None:
-    """Write a file as `write_text` does."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            beside.write_bytes(contents)
-            _put_in_place(beside, path)
-        finally:
-            beside.unlink(missing_ok=True)
-    except OSError as error:
-        raise input_error(path, f"cannot be written ({error.strerror})", "check the folder and the disk") from None
 
 
-def _put_in_place(beside: Path, path: Path) -> None:
-    """Rename a file once it is on the disk: a machine that goes down must not leave a name without contents."""
-    with beside.open("rb") as written:
-        os.fsync(written.fileno())
-    os.replace(beside, path)
 
 
 def versions() -> dict[str, str]:
     """Return the versions of all that results depend on."""
     packages = ("vsajax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
     return {"python": platform.python_version()} | {name: metadata.version(name) for name in packages}
+
+
+def read_table(path: Path) -> pa.Table:
+    """Return a Parquet file that a run has written.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if not is_file(path):
+        raise input_error(path, "no such file", _AGAIN)
+    try:
+        with pq.ParquetFile(path) as file:
+            # What is added to a file once its rows are known is not in its schema.
+            held = (file.metadata.metadata or {}).get(KEY)
+            return file.read().replace_schema_metadata(None if held is None else {KEY: held})
+    except (OSError, ValueError, TypeError, OverflowError, MemoryError, pa.ArrowException) as error:
+        raise input_error(path, f"cannot be read ({_first_line(error)})", _AGAIN) from None

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from tuning.study.loading import Tune
+from tuning.study.scores import time_of
 from tuning.study.statistic import Statistic
 
 _RESAMPLES = 5000
@@ -62,7 +63,7 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
     kept = is_finite if is_finite.any() else ~is_finite
     values = scores[tune.objective][kept]
     low, high = interval(values, tune.statistic, seed=seed)
-    times = scores["convergence_time" if "convergence_time" in scores else "settling_time"]
+    times = scores[time_of(tune.objective)]
 
     def mean(name: str) -> float | None:
         return float(np.mean(scores[name][kept])) if name in scores else None
@@ -82,25 +83,6 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
         scenarios=values.size + int(np.sum(~kept)),
         each=scores[tune.objective],
     )
-
-
-def unit_of(metric: str) -> str:
-    """Return the unit of a metric as it follows a number, with its space; nothing where it has none."""
-    units = {
-        "mse": " (N·m/rad)²",
-        "mse_settled": " (N·m/rad)²",
-        "convergence_time": " s",
-        "known_time": " s",
-        "decay_rate": " /s",
-        "residual": " rad",
-        "peak": " rad",
-        "switches": " /s",
-        "travel": " ranges/s",
-        "msrep": " %",
-        "msrep_settled": " %",
-        "settling_time": " s",
-    }
-    return units.get(metric, "")
 
 
 def interval(values: np.ndarray, statistic: Statistic, *, seed: int) -> tuple[float, float]:

@@ -19,11 +19,11 @@ import numpy as np
 import scipy
 
 from tuning.files.seal import seal_tables
+from tuning.files.whole import write_text
 from tuning.problem.scenarios import Status
-from tuning.runs.folder import write_text
-from tuning.scoring.intervals import unit_of
 from tuning.scoring.remedies import TARGET, Remedy, advise, find_remedy
-from tuning.study.population import METRICS, Population, parse_failure
+from tuning.study.population import Population, parse_failure
+from tuning.study.scores import SCORES, unit_of
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 _COMPARE = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
@@ -210,7 +210,7 @@ def summarise(
     kept = {name: values[counted] for name, values in columns.items()}
     counts = Counter(Status(int(code)).reason for code in status)
     quantiles = {
-        m: {level: quantile(kept[m][~np.isnan(kept[m])], level) for level in LEVELS} for m in METRICS if m in kept
+        m: {level: quantile(kept[m][~np.isnan(kept[m])], level) for level in LEVELS} for m in SCORES if m in kept
     }
     failures = {name: probability(has_failed(columns, name, text)) for name, text in population.failures.items()}
     influences, unexplained = (

@@ -14,9 +14,10 @@ import numpy as np
 import pyarrow as pa
 
 from tuning.files.errors import input_error
+from tuning.files.whole import write_text
 from tuning.problem.interface import problem_of
 from tuning.runs.executors import Executor, Inline, complete
-from tuning.runs.folder import RunStore, open_run, read_table, versions, write_text
+from tuning.runs.folder import RunStore, open_run, read_table, versions
 from tuning.scoring.grid import Grid
 from tuning.study.choices import Setting, options_of
 from tuning.study.loading import (

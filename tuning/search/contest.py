@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 from tuning.files.errors import input_error
-from tuning.runs.folder import open_run, write_text
+from tuning.files.whole import write_text
+from tuning.runs.folder import open_run
 from tuning.scoring.comparison import Contender, compare, contenders
 from tuning.search.blackbox import BlackBox, explore
 from tuning.search.refine import Search

@@ -16,9 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from tuning.files.errors import InputError, input_error
+from tuning.files.whole import write_text
 from tuning.problem.interface import AnyProblem, problem_of
 from tuning.problem.scenarios import Scenario, Stream, draw_scenarios
-from tuning.runs.folder import open_run, versions, write_text
+from tuning.runs.folder import open_run, versions
 from tuning.scoring.grid import Grid, lane_program
 from tuning.scoring.intervals import Judgement, judge
 from tuning.search.descent import Algorithm

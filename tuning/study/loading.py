@@ -20,6 +20,7 @@ import tomlkit
 from pydantic import Field, model_validator
 
 from tuning.files.errors import InputError, Mistake, input_error
+from tuning.files.kinds import CONFIG, ONLY_IN_STUDIES, STUDY, require_kind
 from tuning.files.shipped import preset_path
 from tuning.files.tables import merge, put, with_settings
 from tuning.files.text import Line
@@ -35,7 +36,6 @@ from tuning.study.choices import (
     require_few,
     settings_of,
 )
-from tuning.study.kinds import CONFIG, ONLY_IN_STUDIES, STUDY, require_kind
 from tuning.study.parts.base import AtLeastOne, Part, Positive
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.study.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
@@ -43,11 +43,11 @@ from tuning.study.parts.rig import Clock, Excitation, Scorer, Sensing
 from tuning.study.parts.swings import Controller, FeedbackSensor, Impact, SwingObserver, SwingScorer, SwitchedPlant
 from tuning.study.population import Population
 from tuning.study.ranges import Axis, Bounds, parse_axis
+from tuning.study.scores import Objective
 from tuning.study.statistic import Statistic
 
 SCHEMA_VERSION = 1
 
-Objective = Literal["msrep", "msrep_settled", "log_energy", "settling_time"]
 Search = Literal["sweep", "tune"]
 """A table that says what is varied and over which range."""
 

@@ -19,29 +19,11 @@ from pydantic import Field, model_validator
 from tuning.files.errors import input_error
 from tuning.files.toml import Table
 from tuning.study.parts.base import Positive
+from tuning.study.scores import SCORES
 
 _TAIL = 1e-9
 """Share of an unbounded distribution beyond either end of the range that is checked."""
 _FAILURE = re.compile(r"^\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*$")
-METRICS = (
-    "mse",
-    "msrep",
-    "mse_settled",
-    "msrep_settled",
-    "convergence_time",
-    "max_relative_error",
-    "coverage",
-    "known_time",
-    "known_share",
-    "near_zero_share",
-    "settling_time",
-    "log_energy",
-    "decay_rate",
-    "residual",
-    "peak",
-    "switches",
-    "travel",
-)
 
 
 class _Marginal(Table):
@@ -186,7 +168,7 @@ class FromFile(_Marginal):
 
 @cache
 def _column(path: str, column: str) -> np.ndarray:
-    from tuning.files.columns import read_plain_file
+    from tuning.logs.columns import read_plain_file
 
     log = read_plain_file(Path(path))
     if column not in log.names:
@@ -322,9 +304,9 @@ def parse_failure(name: str, text: str) -> tuple[str, str, float]:
         ValueError: it is not of that form, or names no metric.
     """
     match = _FAILURE.match(text)
-    if match is None or match[1] not in METRICS:
+    if match is None or match[1] not in SCORES:
         raise ValueError(
             f"failures.{name} must compare a metric with a number, e.g. 'msrep_settled > 1'; got {text!r}; "
-            f"metrics: {', '.join(METRICS)}"
+            f"metrics: {', '.join(SCORES)}"
         )
     return match[1], match[2], float(match[3])

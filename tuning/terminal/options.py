@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tuning.cli.following import Following, sentence
 from tuning.files.errors import printable
+from tuning.terminal.following import Following, sentence
 
 if TYPE_CHECKING:
-    from tuning.runs.executors import Executor
-    from tuning.study.limits import Need
+    pass
 
 STUDY = click.argument("study", type=click.Path(path_type=Path))
 SETTINGS = click.option(
@@ -44,40 +42,6 @@ def with_trials(whose: str, *, least_batch: int = 1) -> Callable[[Callable[..., 
     return lambda command: trials(batch(command))
 
 
-def with_executor(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that `executor_for` takes."""
-    executor = click.option(
-        "--executor",
-        type=click.Choice(["inline", "dask", "slurm"]),
-        help="Where chunks are computed; dask if --workers or --scheduler is given, else inline.",
-    )
-    workers = click.option(
-        "--workers", type=click.IntRange(min=1), help="Processes of Dask on this machine, or SLURM jobs."
-    )
-    scheduler = click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler that runs already.")
-    wait = click.option(
-        "--wait",
-        type=click.FloatRange(min=0.0),
-        metavar="SECONDS",
-        help="Give up once --scheduler has had no workers for so long; by default never.",
-    )
-    return executor(workers(scheduler(wait(command))))
-
-
-def machines_of(executor: str | None, workers: int | None, scheduler: str | None) -> float:
-    """Return how many machines share the work that the options spread; of a scheduler's nobody knows."""
-    if scheduler is not None:
-        return float("inf")
-    return float(workers or 1) if executor == "slurm" else 1.0
-
-
-def needs_of_workers(executor: str | None, workers: int | None) -> list[Need]:
-    """Return what processes on this machine need, where the options start any."""
-    from tuning.kinds.needs import of_workers
-
-    return [of_workers(workers, "--workers")] if workers and executor in {None, "dask"} else []
-
-
 def refuse_given(reason: str, *names: str) -> None:
     """Refuse options of the running command that were typed though nothing would come of them.
 
@@ -93,43 +57,6 @@ def refuse_given(reason: str, *names: str) -> None:
         name = parameter.name or ""
         if name in names and context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             raise click.UsageError(f"{parameter.opts[0]} {reason}")
-
-
-def executor_for(
-    executor: str | None, workers: int | None, scheduler: str | None, folder: Path, wait: float | None = None
-) -> Executor:
-    """Return the executor that the options ask for.
-
-    Args:
-        executor: its name, if given.
-        workers: how many, if given.
-        scheduler: address of a Dask scheduler, if given.
-        folder: the run folder, in which SLURM jobs keep their files.
-        wait: how long a scheduler may be without workers [s], if given.
-
-    Raises:
-        InputError: the packages for it are not installed.
-        click.UsageError: the options contradict one another.
-    """
-    name = executor or ("dask" if workers or scheduler is not None else "inline")
-    if scheduler is not None and (name != "dask" or workers):
-        raise click.UsageError(
-            f"--scheduler brings its own workers: it does not go with {'--workers' if workers else name}"
-        )
-    if wait is not None and (scheduler is None or not math.isfinite(wait)):
-        raise click.UsageError("--wait is a finite time, and needs --scheduler, whose workers are waited for")
-    if name == "inline" and workers:
-        raise click.UsageError("--executor inline has no --workers: leave one of them out")
-    if name == "slurm" and not workers:
-        raise click.UsageError("--executor slurm needs --workers, the number of jobs")
-    from tuning.runs.executors import DaskExecutor, Inline, SlurmExecutor
-    from tuning.runs.machine import usable_cores
-
-    if name == "inline":
-        return Inline()
-    if name == "slurm":
-        return SlurmExecutor(folder / "jobs", workers or 1)
-    return DaskExecutor(workers or usable_cores(), scheduler, wait)
 
 
 def output_file(default: str) -> Callable[[Any], Any]:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tuning.files.columns import write_table
+from tuning.files.whole import write_table
 from tuning.logs.signal_map import signals_of
 
 COMPUTES = (
-    "tuning.kinds.log.answer.simulate_recording",
-    "tuning.kinds.log.answer.simulate_swing",
+    "tuning.problem.replay.simulate_recording",
+    "tuning.problem.replay.simulate_swing",
     "tuning.kinds.log.answer.estimate_recording",
     "tuning.scoring.sweep.GridSweep.open",
     "tuning.scoring.sweep.GridSweep.forecast",

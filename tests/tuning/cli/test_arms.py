@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tuning.files.columns import write_table
+from tuning.files.whole import write_table
 
 PANDA = Path(__file__).parents[2] / "golden" / "panda" / "panda.urdf"
 

@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 
 from tests.tuning.builders import PRIOR, tiny_tuning
-from tuning.cli.following import fresh, improve, sentence, words
+from tuning.cli.following import improve
 from tuning.cli.main import cli
 from tuning.files.shipped import shipped_files
 from tuning.papers import Report, Row
 from tuning.scoring.sweep import GridSweep, write_winner
 from tuning.study.loading import load_study, resolved, to_toml
+from tuning.terminal.following import fresh, sentence, words
 from tuning.terminal.options import emit
 
 HEBI = Path(__file__).parents[2] / "golden" / "hebi" / "exampleLog.csv"

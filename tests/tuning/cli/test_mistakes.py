@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SEA, SERIAL, SMALL, TINY
-from tuning.files.columns import write_table
 from tuning.files.shipped import CONFIGS
+from tuning.files.whole import write_table
 
 CONFIG = CONFIGS / "tuned" / "sea_sensor.toml"
 HEBI = Path(__file__).parents[2] / "golden" / "hebi" / "exampleLog.csv"

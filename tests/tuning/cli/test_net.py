@@ -8,10 +8,10 @@ import re
 import pytest
 
 from tests.tuning.cli.reaching import Reached, reach, write_log
+from tuning.files import kinds
+from tuning.files.kinds import kind_of
 from tuning.files.shipped import shipped_files
 from tuning.files.toml import read_toml
-from tuning.study import kinds
-from tuning.study.kinds import kind_of
 
 TAKES = {
     "check": [("check", "{file}")],

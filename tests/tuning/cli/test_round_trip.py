@@ -10,9 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, tiny_tuning
-from tuning.files.columns import read_log_file, write_table
 from tuning.files.shipped import CONFIGS
+from tuning.files.whole import write_table
 from tuning.kinds.arm.study import load_arm_study
+from tuning.logs.columns import read_log_file
 from tuning.scoring.intervals import judge
 from tuning.scoring.sweep import Forecast, GridSweep
 from tuning.search.refine import Search

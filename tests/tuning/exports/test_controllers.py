@@ -15,7 +15,7 @@ from tuning.exports.golden import make_golden
 from tuning.exports.ranges import Range, range_of
 from tuning.files.shipped import CONFIGS
 from tuning.files.toml import read_toml
-from tuning.kinds.log.answer import simulate_exchange
+from tuning.problem.replay import simulate_exchange
 from tuning.study.loading import DampingStudy, load_config, parse_study, resolved, study_hash
 from vsajax import Guarded, Sample
 

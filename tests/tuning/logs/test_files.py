@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tuning.files.columns import SUFFIXES, read_log_file, write_table
 from tuning.files.errors import InputError
+from tuning.files.whole import SUFFIXES, write_table
+from tuning.logs.columns import read_log_file
 
 
 def read_all(path) -> dict[str, np.ndarray]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.tuning.logs.robot_logs import spring_log, wrapped
-from tuning.files.columns import write_table
 from tuning.files.errors import InputError
+from tuning.files.whole import write_table
 from tuning.logs.guess import propose, to_map
 from tuning.logs.reading import read_recording
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tuning.files.columns import read_log_file
 from tuning.files.errors import InputError, printable
+from tuning.logs.columns import read_log_file
 from tuning.logs.guess import propose, to_map
 from tuning.logs.layout import FileFormat
 from tuning.logs.reading import read_recording, read_series

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tuning.files.columns import SUFFIXES
 from tuning.files.errors import InputError
+from tuning.files.whole import SUFFIXES
 from tuning.logs.reading import read_recording, write_table
 from tuning.logs.signal_map import KINDS, signals_of
 

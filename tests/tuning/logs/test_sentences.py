@@ -12,10 +12,11 @@ import pytest
 
 from tests.tuning.logs.joints import STEP, recordings
 from tuning.files.shipped import CONFIGS
-from tuning.kinds.log.answer import Answer, estimate_recording, simulate_recording
+from tuning.kinds.log.answer import Answer, estimate_recording
 from tuning.logs.analysis import Analysis, analyse
 from tuning.logs.reading import read_recording
 from tuning.logs.torques import Assumptions
+from tuning.problem.replay import simulate_recording
 from tuning.study.loading import EstimationStudy, load_study
 
 Columns = dict[str, np.ndarray]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tuning.cli.following import deploy, run_folder, words
+from tuning.terminal.following import deploy, run_folder, words
 from tuning.terminal.options import JSON, QUIET, RUN, SEED, SETTINGS, STUDY, emit, table, with_seed
 
 if TYPE_CHECKING:

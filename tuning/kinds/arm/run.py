@@ -13,8 +13,9 @@ import numpy as np
 from tuning.files.errors import input_error
 from tuning.files.seal import SEALED, breaks_seal, hash_tables, seal_tables
 from tuning.files.toml import validate
+from tuning.files.whole import write_text
 from tuning.kinds.arm.study import ArmStudy
-from tuning.runs.folder import columns_of, read_sealed, versions, write_sealed, write_text
+from tuning.runs.folder import columns_of, read_sealed, versions, write_sealed
 from tuning.study.loading import resolved, study_hash
 
 _MANIFEST = "manifest.json"

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from tuning.files.errors import InputError, Mistake, input_error
+from tuning.files.kinds import ARM_STUDY, require_kind
 from tuning.files.shipped import choose
 from tuning.files.tables import merge, with_settings
 from tuning.files.text import Line
 from tuning.files.toml import Seed, Table, read_toml, validate
 from tuning.kinds.arm.names import listed
-from tuning.study.kinds import ARM_STUDY, require_kind
 from tuning.study.parts.base import AtLeastOne, NonNegative, Positive
 
 if TYPE_CHECKING:

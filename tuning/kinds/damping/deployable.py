@@ -10,8 +10,8 @@ import numpy as np
 from tuning.exports.deployable import Deployable
 from tuning.files.errors import input_error
 from tuning.kinds.estimation.deployable import sample_of
-from tuning.kinds.log.answer import simulate_exchange
 from tuning.problem.build import build_controller
+from tuning.problem.replay import simulate_exchange
 from tuning.study.loading import DampingStudy, parse_study, resolved
 from tuning.study.parts.base import Part
 from vsajax import Recording, Sample

@@ -13,8 +13,8 @@ from tuning.exports.deployable import Deployable
 from tuning.exports.flatten import flatten
 from tuning.files.shipped import example_path
 from tuning.files.toml import read_toml
-from tuning.kinds.log.answer import simulate_recording
 from tuning.problem.build import build_estimator
+from tuning.problem.replay import simulate_recording
 from tuning.study.loading import (
     Config,
     EstimationStudy,

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from tuning.cli.following import Words, words
 from tuning.files.errors import printable
+from tuning.terminal.following import Words, words
 from tuning.terminal.options import emit, table
 
 

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from tuning.kinds.log.answer import Answer
-from tuning.kinds.log.pictures import draw_clock, draw_levels, draw_loop
+from tuning.kinds.log.pictures import draw_clock, draw_estimate, draw_levels, draw_loop
 from tuning.logs.analysis import Analysis
 from tuning.logs.characteristic import Characteristic
 from tuning.logs.reading import RecordingTable
 from tuning.logs.signal_map import Stiffness
 from tuning.pictures.page import Page, Picture, Table, number, span
-from tuning.pictures.style import draw_estimate
 from tuning.runs.folder import versions
 from tuning.study.loading import Config, resolved, study_hash, to_toml
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from tuning.kinds.log.answer import Answer
 from tuning.logs.characteristic import Characteristic, directions
 from tuning.logs.clock import GAP, ClockReport
-from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, thin
+from tuning.logs.reading import RecordingTable
+from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, plain, thin
 
 _WIDTH, _HEIGHT = 6.4, 4.0
 
@@ -93,3 +96,58 @@ def draw_tried(rows: Mapping[str, np.ndarray], paths: Sequence[str]) -> Figure:
     axes[0, 0].set_ylabel("objective, training part [%]")
     axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=8)
     return figure
+
+
+def draw_estimate(answer: Answer, table: RecordingTable, *, title: str) -> Figure:
+    """Draw an estimate over time: stiffness ± 2 std of the fit, grey where not known; torque and deflection."""
+    # A million points are no sharper than some thousand, and take seconds.
+    shown = thin(np.arange(len(answer.columns["time"])), 40_000)
+    columns = {name: values[shown] for name, values in answer.columns.items()}
+    truth = {name: values[shown] for name, values in table.columns.items() if name.startswith("true_")}
+    time = columns["time"]
+    figure, axes = new_figure(8, 6.2, 3, sharex=True, height_ratios=(2, 1, 1))
+    _draw_stiffness(axes[0], columns, truth.get("true_stiffness"))
+    axes[1].plot(time, columns["torque"], color=QUIET, linewidth=0.7, label="into the fit")
+    axes[1].plot(time, columns["elastic_torque"], color=ESTIMATE, label="fitted")
+    if "true_elastic_torque" in truth:
+        axes[1].plot(time, truth["true_elastic_torque"], "--", color=TRUTH, label="true")
+    axes[1].set_ylabel("elastic torque\n[N·m]")
+    axes[1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+    axes[2].plot(time, 1e3 * columns["deflection"], color=OTHER, linewidth=0.8)
+    axes[2].set_ylabel("deflection\n[mrad]")
+    axes[2].set_xlabel("time [s]")
+    figure.align_ylabels()
+    figure.suptitle(f"Stiffness estimate: {plain(title)}")
+    return figure
+
+
+def _draw_stiffness(axis: Axes, columns: Mapping[str, np.ndarray], truth: np.ndarray | None) -> None:
+    time, stiffness, known = columns["time"], columns["stiffness"], columns["known"]
+    band = 2.0 * columns["stiffness_std"]
+    shown = np.where(known, stiffness, np.nan)
+    axis.fill_between(
+        time, shown - band, shown + band, color=ESTIMATE, alpha=0.25, linewidth=0, label="± 2 std of the fit"
+    )
+    axis.plot(time, shown, color=ESTIMATE, label="estimate")
+    pieces = [shown[known]] if known.any() else [stiffness[np.isfinite(stiffness)]]
+    if truth is not None:
+        axis.plot(time, truth, "--", color=TRUTH, label="true")
+        pieces.append(truth)
+    together = np.concatenate(pieces)
+    if together.size:
+        # The start-up transient may be orders of magnitude away; the view holds the bulk of what is known.
+        low, high = np.quantile(together, [0.005, 0.995])
+        room = 0.12 * (high - low) + 0.02 * max(abs(low), abs(high)) or 1.0
+        axis.set_ylim(low - room, high + room)
+    axis.fill_between(
+        time,
+        0,
+        1,
+        where=~known,
+        transform=axis.get_xaxis_transform(),
+        color="#eeeeee",
+        step="mid",
+        label="not known",
+    )
+    axis.set_ylabel("stiffness\n[N·m/rad]")
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)

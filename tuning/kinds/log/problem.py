@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from tuning.files.columns import write_table
 from tuning.files.errors import InputError, Mistake, input_error
+from tuning.files.whole import write_table, write_text
 from tuning.kinds.log.study import LogStudy, tuned_config
 from tuning.logs.reading import RecordingTable, read_recording
 from tuning.problem.build import build_estimator, number
-from tuning.runs.folder import versions, write_text
+from tuning.runs.folder import versions
 from tuning.search.descent import descent, ending
 from tuning.search.space import Space, Vector
 from tuning.study.loading import numeric_paths, resolved, study_hash, to_toml

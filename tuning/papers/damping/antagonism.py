@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
-from tuning.files.columns import write_table
+from tuning.files.whole import write_table
 from tuning.papers.damping import model as paper
 from tuning.papers.rows import Row
 from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from tuning.files.columns import write_table
+from tuning.files.whole import write_table
 from tuning.papers.antagonistic import model as paper
 from tuning.papers.duel.cells import (
     ALGEBRAIC,

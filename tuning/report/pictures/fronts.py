@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tuning.pictures.style import ESTIMATE, QUIET, make_log, new_figure
-from tuning.scoring.intervals import unit_of
 from tuning.search.blackbox import Trial
+from tuning.study.scores import unit_of
 
 
 def draw_front(trials: Sequence[Trial], front: Sequence[Trial], objective: str) -> Figure:

@@ -12,18 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
-from tuning.pictures.style import ESTIMATE, OTHER, QUIET, SWING_UNITS, TRUTH, new_figure, plain, save
+from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, plain, save
 from tuning.problem.scenarios import Status
 from tuning.scoring.summary import Summary
 from tuning.study.loading import Study
+from tuning.study.scores import time_of, title_of
 
-_UNITS = {"msrep": "MSREP [%]", "msrep_settled": "MSREP after the warm-up [%]"} | SWING_UNITS
 Rows = Mapping[str, np.ndarray]
-
-
-def time_of(objective: str) -> str:
-    """Return the score that says when a study with this objective has got there."""
-    return "settling_time" if objective in SWING_UNITS else "convergence_time"
 
 
 def draw_population(folder: Path, study: Study, summary: Summary) -> list[Path]:
@@ -47,8 +42,8 @@ def draw_spread(rows: Rows, study: Study, summary: Summary, *, across: int = 2) 
     size = (9.0, 3.8, 1, 2) if across == 2 else (5.6, 5.6, 2, 1)
     figure, axes = new_figure(*size, sharey=True)
     for axis, metric, label in (
-        (axes[0], objective, _UNITS[objective]),
-        (axes[1], time_of(objective), "settling time [s]" if objective in SWING_UNITS else "convergence time [s]"),
+        (axes[0], objective, title_of(objective)),
+        (axes[1], time_of(objective), title_of(time_of(objective))),
     ):
         values = np.sort(rows[metric][~np.isnan(rows[metric])])
         share = 100 * (np.arange(values.size) + 1) / max(values.size, 1)
@@ -83,7 +78,7 @@ def draw_numbers(rows: Rows, paths: Sequence[str], objective: str, *, across: in
     for axis in axes.flat[len(paths) :]:
         axis.set_visible(False)
     for axis in axes[:, 0]:
-        axis.set_ylabel(_UNITS[objective], fontsize=8)
+        axis.set_ylabel(title_of(objective), fontsize=8)
     figure.suptitle("Score against each number: median and 90 % of the scenarios")
     return figure
 

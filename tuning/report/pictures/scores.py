@@ -13,21 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter
 
 from tuning.kinds.estimation.traces import Replay
-from tuning.pictures.style import ESTIMATE, NEAR, OTHER, QUIET, SWING_UNITS, TRUTH, make_log, new_figure, plain
+from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, make_log, new_figure, plain
 from tuning.report.pictures.populations import Rows
+from tuning.report.pictures.searches import NEAR
+from tuning.study.scores import title_of
 
-UNITS = {
-    "mse": "MSE [(N·m/rad)²]",
-    "mse_settled": "MSE after the warm-up [(N·m/rad)²]",
-    "msrep": "MSREP [%]",
-    "msrep_settled": "MSREP after the warm-up [%]",
-    "convergence_time": "convergence time [s]",
-    "max_relative_error": "largest relative error after the warm-up",
-    "coverage": "share of known samples inside the band",
-    "known_time": "first known [s]",
-    "known_share": "share of samples known",
-    "near_zero_share": "share of samples left out",
-} | SWING_UNITS
 _GREY, _MAP = "#e4e4e4", "viridis_r"
 _WIDTH = 5.6
 
@@ -132,7 +122,7 @@ def draw_shares(groups: Mapping[str, np.ndarray], metric: str) -> Figure:
     if is_positive:
         axis.set_xscale("log")
         _name_ticks(axis)
-    axis.set_xlabel(UNITS[metric])
+    axis.set_xlabel(title_of(metric))
     axis.set_ylabel("share of the scenarios below [%]")
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=1 if len(groups) < 4 else 2, fontsize=8)
     return figure
@@ -275,8 +265,8 @@ def draw_pairs(first: np.ndarray, second: np.ndarray, names: tuple[str, str], me
         ends = [both.min(), both.max()]
         axis.plot(ends, ends, "--", color=TRUTH, label="the same in both")
         axis.legend(loc="upper left", fontsize=8)
-    axis.set_xlabel(f"{plain(names[0])}: {UNITS[metric]}")
-    axis.set_ylabel(f"{plain(names[1])}: {UNITS[metric]}")
+    axis.set_xlabel(f"{plain(names[0])}: {title_of(metric)}")
+    axis.set_ylabel(f"{plain(names[1])}: {title_of(metric)}")
     return figure
 
 

@@ -1,13 +1,11 @@
-"""CSV and Parquet files: read so that a bad cell can be named, written whole or not at all."""
+"""CSV and Parquet files, read so that a bad cell can be named."""
 
 from __future__ import annotations
 
 import difflib
 import io
 import math
-import os
-import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +16,10 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
 from tuning.files.errors import InputError, Mistake, input_error
+from tuning.files.whole import table_suffix
 from tuning.logs.layout import AS_FOUND, FileFormat, Layout, lay_out
 from tuning.logs.numerals import bad_numbers, grouping_of, to_dates, to_numbers, trimmed
 
-SUFFIXES = (".csv", ".parquet")
-"""What is written; text is read by other names too."""
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc")
 READ_SUFFIXES = (*TEXT_SUFFIXES, ".parquet")
 _RAGGED_LINES_SHOWN = 5
@@ -261,14 +258,6 @@ def check_readable(path: Path) -> None:
         raise input_error(path, "is empty (0 bytes)", "was the recording stopped before it was saved?")
 
 
-def table_suffix(path: Path, known: Sequence[str] = SUFFIXES) -> str:
-    """Return the suffix of a table file, or raise `InputError` where it is none of those known."""
-    suffix = path.suffix.lower()
-    if suffix not in known:
-        raise input_error(path, f"unknown suffix {suffix!r}; known are {', '.join(known)}", "use one of them")
-    return suffix
-
-
 def _from_text(path: Path, layout: Layout) -> LogFile:
     units = {n: u for n, u in zip(layout.names, layout.units or (), strict=False) if n and u}
     table = _parse_rows(path, layout)
@@ -370,32 +359,3 @@ def _with_numbers(log: LogFile, told: FileFormat, *, is_proven: bool) -> LogFile
             f"digits grouped by {keys['thousands']!r} in {', '.join(map(repr, grouped))} (file.thousands)"
         )
     return replace(log, table=pa.table(columns, log.table.column_names), notes=tuple(notes), keys=keys)
-
-
-def write_table(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns to a CSV or Parquet file, whole or not at all; a CSV gives back the same float64 values.
-
-    Args:
-        path: the file; its folder is made if need be.
-        columns: by name, one-dimensional and of one length.
-
-    Raises:
-        InputError: the suffix is unknown, or the file cannot be written there.
-    """
-    suffix = table_suffix(path)
-    table = pa.table({name: np.asarray(values) for name, values in columns.items()})
-    # In the same folder, so that the last step is a rename within one file system.
-    partial = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            if suffix == ".csv":
-                pa_csv.write_csv(table, partial)
-            else:
-                pa_parquet.write_table(table, partial)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise input_error(path, f"cannot be written ({reason})", "choose another place") from None

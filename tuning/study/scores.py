@@ -1,0 +1,84 @@
+"""What a score is: the one list of their names, units and directions, which every reader of scores goes by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+Objective = Literal["msrep", "msrep_settled", "log_energy", "settling_time"]
+"""Scores that a search can minimise: those of `SCORES` with `is_objective`."""
+
+
+class Score(NamedTuple):
+    """One number that a scenario ends with.
+
+    Args:
+        name: its column in results, and its field in `vsajax.Scores` or `vsajax.SwingScores`.
+        label: its name in tables and pictures.
+        unit: empty where it has none.
+        better: whether a low or a high one is better.
+        is_objective: whether a search can minimise it.
+        is_shown: whether the summary of a population prints its quantiles.
+        is_time: whether it says when a scenario has got where its objective wants it.
+    """
+
+    name: str
+    label: str
+    unit: str = ""
+    better: Literal["low", "high"] = "low"
+    is_objective: bool = False
+    is_shown: bool = True
+    is_time: bool = False
+
+    @property
+    def title(self) -> str:
+        """The label with the unit in brackets: the name of an axis, or of a table's row."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    @property
+    def suffix(self) -> str:
+        """The unit as it follows a number, with its space; empty where there is none."""
+        return f" {self.unit.removeprefix('1')}" if self.unit else ""
+
+
+ESTIMATES = (
+    Score("mse", "MSE", "(N·m/rad)²", is_shown=False),
+    Score("msrep", "MSREP", "%", is_objective=True),
+    Score("mse_settled", "MSE after the warm-up", "(N·m/rad)²"),
+    Score("msrep_settled", "MSREP after the warm-up", "%", is_objective=True),
+    Score("convergence_time", "convergence time", "s", is_time=True),
+    Score("max_relative_error", "largest relative error after the warm-up", is_shown=False),
+    Score("coverage", "share of known samples inside the band", better="high"),
+    Score("known_time", "first known", "s"),
+    Score("known_share", "share of samples known", better="high", is_shown=False),
+    Score("near_zero_share", "share of samples left out", is_shown=False),
+)
+"""Of an estimate: the fields of `vsajax.Scores`."""
+SWINGS = (
+    Score("settling_time", "settling time", "s", is_objective=True, is_time=True),
+    Score("log_energy", "log-energy", is_objective=True),
+    Score("decay_rate", "decay rate", "1/s", better="high", is_shown=False),
+    Score("residual", "residual swing", "rad"),
+    Score("peak", "largest swing", "rad", is_shown=False),
+    Score("switches", "switches a second", "1/s"),
+    Score("travel", "way of the stiffness", "ranges/s", is_shown=False),
+)
+"""Of a swing that dies out: the fields of `vsajax.SwingScores`."""
+SCORES: Mapping[str, Score] = MappingProxyType({score.name: score for score in (*ESTIMATES, *SWINGS)})
+
+
+def title_of(name: str) -> str:
+    """Return a score's label with its unit in brackets."""
+    return SCORES[name].title
+
+
+def unit_of(name: str) -> str:
+    """Return a score's unit as it follows a number, with its space; nothing where it has none, or is no score."""
+    return SCORES[name].suffix if name in SCORES else ""
+
+
+def time_of(objective: str) -> str:
+    """Return the score that says when a scenario with this objective has got there."""
+    family = SWINGS if SCORES[objective] in SWINGS else ESTIMATES
+    return next(score.name for score in family if score.is_time)
