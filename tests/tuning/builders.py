@@ -12,7 +12,8 @@ import jax
 from tuning.files.seal import SEALED, seal_tables
 from tuning.files.shipped import CONFIGS
 from tuning.problem.scenarios import Scenario, Stream, draw_scenarios
-from tuning.study.loading import Study, hash_resolved, load_study
+from tuning.study.base import Study, hash_resolved
+from tuning.study.loading import load_study
 
 EXAMPLES = sorted(path for path in (CONFIGS / "studies").glob("*.toml") if path.stem != "arm")
 TUNED = sorted((CONFIGS / "tuned").glob("*.toml"))

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, WINDOW, scenarios_of, small_antagonistic
-from tuning.problem.scenarios import Problem
+from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.scoring.grid import Grid
 from tuning.search.refine import Search
 from tuning.study.loading import load_study
@@ -49,7 +49,7 @@ def radau(offsets, amplitudes, time: np.ndarray) -> np.ndarray:
 )
 def test_chosen_step_follows_radau_to_the_studys_tolerance(settings, offsets, amplitudes):
     study = load_study(ANTAGONISTIC, [*settings, "sweep={}", "tune={}"])
-    motion = Problem(study).shared_truth.motion
+    motion = EstimationProblem(study).shared_truth.motion
     found = np.stack([motion.link_position, motion.motor1_position, motion.motor2_position])
     exact = radau(offsets, amplitudes, np.arange(10001) * 1e-3)
     np.testing.assert_allclose(found, exact, rtol=0.0, atol=study.integration_tolerance)
@@ -58,12 +58,12 @@ def test_chosen_step_follows_radau_to_the_studys_tolerance(settings, offsets, am
 @pytest.mark.slow
 @pytest.mark.gradient
 def test_error_is_continuous_in_the_window():
-    problem = Problem(small_antagonistic(), (WINDOW,))
+    problem = EstimationProblem(small_antagonistic(), (WINDOW,))
     key, given = scenarios_of(problem.study, "train", 1)[0], problem.given
 
     @jax.jit
     def error(window: jax.Array) -> jax.Array:
-        return problem.scores({WINDOW: window}, key, given).mse_settled
+        return problem.outcome({WINDOW: window}, key, given).scores.mse_settled
 
     # A whole number of samples: just above it one sample less lies a whole window after the start.
     below, at, above = (float(error(jnp.asarray(0.3 + shift))) for shift in (-1e-9, 0.0, 1e-9))
@@ -76,7 +76,7 @@ def test_error_is_continuous_in_the_window():
 def test_gradient_finds_the_window_from_both_sides():
     study = load_study(ANTAGONISTIC, ["sweep={}", f"tune.parameters={{'{WINDOW}'={{low=0.05, high=2.0}}}}"])
     windows = list(np.geomspace(0.05, 2.0, 40))
-    grid = Grid(Problem(study, (WINDOW,)), {WINDOW: windows}, study.scenarios.train)
+    grid = Grid(EstimationProblem(study, (WINDOW,)), {WINDOW: windows}, study.scenarios.train)
     best = grid.evaluate(grid.outer_points)["msrep_settled"].mean(axis=2).min()
     tuner = Search(study, "gradient").tuner
     for start in (0.08, 1.8):

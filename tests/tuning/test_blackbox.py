@@ -17,7 +17,9 @@ from tuning.scoring.intervals import Judgement
 from tuning.search import blackbox
 from tuning.search.blackbox import BlackBox, Trial, explore, find_front, plan_blackbox, read_trials
 from tuning.search.refine import Search, plan_search
-from tuning.study.loading import Study, load_study, numeric_paths, resolved
+from tuning.study.base import Study, resolved
+from tuning.study.loading import load_study
+from tuning.study.paths import numeric_paths
 from vsajax import Scores
 
 BLANK = Judgement("mean", 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0, 1, np.ones(1))
@@ -312,7 +314,7 @@ def test_a_black_box_refuses_what_it_cannot_tune():
 @pytest.mark.cli
 @pytest.mark.usefixtures("unjudged")
 def test_a_front_is_reported_drawn_and_interrupted_from_the_shell(vsajax, monkeypatch, tmp_path):
-    from tuning.study.loading import to_toml
+    from tuning.study.base import to_toml
 
     path = tmp_path / "study.toml"
     path.write_text(to_toml(resolved(chosen_laws())))

@@ -10,7 +10,7 @@ import pytest
 from tests.tuning.builders import PRIOR, SERIAL, SMALL, TINY
 from tuning.scoring.comparison import Contender
 from tuning.scoring.intervals import equal_to_rounding, judge, paired_interval
-from tuning.study.loading import Tune
+from tuning.study.base import Tune
 from tuning.study.statistic import Statistic
 
 RNG = np.random.default_rng(5)

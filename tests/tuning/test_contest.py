@@ -10,7 +10,10 @@ from tests.tuning.builders import FORGETTING, PRIOR, tiny_tuning
 from tuning.files.errors import InputError
 from tuning.files.shipped import CONFIGS
 from tuning.search.contest import contest
-from tuning.study.loading import load_study, numeric_paths, structures, study_hash
+from tuning.study.base import study_hash
+from tuning.study.loading import load_study
+from tuning.study.paths import numeric_paths
+from tuning.study.structures import structures
 
 DAMPING = CONFIGS / "contests" / "damping.toml"
 LAW = "estimator.fit.law"

@@ -30,8 +30,9 @@ from tuning.runs.lock import lock_folder
 from tuning.runs.workers import planner_of, result_file, spec_of
 from tuning.search.blackbox import BlackBox, explore
 from tuning.search.refine import Search
+from tuning.study.base import hash_resolved, resolved, study_hash, to_toml
 from tuning.study.inputs import hash_inputs
-from tuning.study.loading import hash_resolved, numeric_paths, resolved, study_hash, to_toml
+from tuning.study.paths import numeric_paths
 from vsajax import Scores
 
 ROOT = Path(__file__).parents[2]

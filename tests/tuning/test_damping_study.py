@@ -11,9 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from tuning.files.shipped import CONFIGS
-from tuning.problem.interface import ControlProblem, problem_of
-from tuning.problem.scenarios import Problem, draw_scenarios
-from tuning.study.loading import DampingStudy, load_study, numeric_paths, resolved, to_toml
+from tuning.kinds.damping.problem import DampingProblem
+from tuning.kinds.damping.study import DampingStudy
+from tuning.kinds.estimation.problem import EstimationProblem
+from tuning.problem.interface import problem_of
+from tuning.problem.scenarios import draw_scenarios
+from tuning.study.base import resolved, to_toml
+from tuning.study.loading import load_study
+from tuning.study.paths import numeric_paths
 
 DAMPING = CONFIGS / "studies" / "damping.toml"
 SHORT = ("clock.duration=0.6", "scenarios={train=4, held_out=6}")
@@ -22,10 +27,10 @@ FEW = ("--set", "clock.duration=0.6", "--set", "scenarios={train=4, held_out=6}"
 
 
 @pytest.fixture(scope="module")
-def problem() -> ControlProblem:
+def problem() -> DampingProblem:
     study = load_study(DAMPING, SHORT)
     assert isinstance(study, DampingStudy)
-    return ControlProblem(study, (LEAD, SLOPE))
+    return DampingProblem(study, (LEAD, SLOPE))
 
 
 @pytest.mark.equivalence
@@ -34,7 +39,10 @@ def test_scores_are_those_of_the_motion(problem):
     values = {LEAD: jnp.asarray(0.03), SLOPE: jnp.asarray(8.0)}
     assert set(scenario.numbers) == set(problem.study.population.paths)
     objective, scores = jax.jit(
-        lambda own, given: (problem.objective(values, own, given, None), problem.scores(values, own, given))
+        lambda own, given: (
+            problem.objective(values, own, given, None),
+            problem.outcome(values, own, given).scores,
+        )
     )(scenario, problem.given)
     assert float(objective) == pytest.approx(float(scores.log_energy), rel=1e-12)
     # The rule and the robot both make a difference.
@@ -46,8 +54,8 @@ def test_scores_are_those_of_the_motion(problem):
 
 @pytest.mark.contract
 def test_a_study_poses_its_own_kind_of_problem():
-    assert isinstance(problem_of(load_study(DAMPING)), ControlProblem)
-    assert isinstance(problem_of(load_study(CONFIGS / "studies" / "serial.toml")), Problem)
+    assert isinstance(problem_of(load_study(DAMPING)), DampingProblem)
+    assert isinstance(problem_of(load_study(CONFIGS / "studies" / "serial.toml")), EstimationProblem)
     paths = numeric_paths(load_study(DAMPING))
     expected = {"plant.actuator.travel_time", "sensor.delay", "impact.impulse", "observer.cutoff", "scorer.band"}
     assert expected < paths.keys()

@@ -18,8 +18,10 @@ from tuning.cli.main import cli
 from tuning.files.kinds import ARM_STUDY, LOG_STUDY, kind_of
 from tuning.files.toml import read_toml
 from tuning.kinds.arm.study import load_arm_study
+from tuning.kinds.estimation.study import EstimationStudy
 from tuning.problem.replay import member
-from tuning.study.loading import EstimationStudy, load_study, resolved, to_toml
+from tuning.study.base import resolved, to_toml
+from tuning.study.loading import load_study
 
 OTHER_PROGRAMS = {"make", ".", "python", "pip", "git", "cd", "dask", "eval"}
 """They are no business of this test: `make` has its own, the generated Python is run by the export checks."""

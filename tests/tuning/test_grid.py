@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SEA, small_serial
+from tuning.files.shipped import example_path
+from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.problem.build import with_leaves
-from tuning.problem.scenarios import Problem, draw_scenarios
+from tuning.problem.scenarios import draw_scenarios
 from tuning.scoring import grid as grid_module
-from tuning.scoring.grid import Grid, is_torque_only
+from tuning.scoring.grid import Grid
 from tuning.study.loading import load_study
+from tuning.study.ranges import Reach
 from vsajax import Scores, experiment
 
 NOISE, BIAS, SPRING = "sensing.motor_torque.noise_std", "sensing.elastic_torque.bias", "joint.spring.linear"
@@ -43,7 +46,7 @@ def by_configuration(grid: Grid, scores: dict[str, np.ndarray]) -> dict[str, np.
     return placed
 
 
-def looped(problem: Problem, axes, scenarios: int) -> dict[str, np.ndarray]:
+def looped(problem: EstimationProblem, axes, scenarios: int) -> dict[str, np.ndarray]:
     """Return the same, one configuration and scenario after the other."""
 
     @eqx.filter_jit
@@ -63,9 +66,9 @@ def looped(problem: Problem, axes, scenarios: int) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def shared_motion() -> tuple[Problem, dict[str, np.ndarray]]:
+def shared_motion() -> tuple[EstimationProblem, dict[str, np.ndarray]]:
     """A problem with one motion, and its scores on the whole grid."""
-    problem = Problem(small_serial("scorer.warm_up=0.1"), tuple(SHARED_MOTION))
+    problem = EstimationProblem(small_serial("scorer.warm_up=0.1"), tuple(SHARED_MOTION))
     grid = Grid(problem, SHARED_MOTION, SCENARIOS)
     return problem, by_configuration(grid, grid.evaluate(grid.outer_points))
 
@@ -89,7 +92,7 @@ def test_a_grid_with_one_motion_is_the_loop(shared_motion):
 @pytest.mark.equivalence
 @pytest.mark.slow
 def test_a_grid_whose_scenarios_move_differently_is_the_loop():
-    problem = Problem(small_sea(), tuple(OWN_MOTION))
+    problem = EstimationProblem(small_sea(), tuple(OWN_MOTION))
     grid = Grid(problem, OWN_MOTION, SCENARIOS)
     scores = by_configuration(grid, grid.evaluate(grid.outer_points))
     assert problem.shared_truth is None
@@ -111,7 +114,7 @@ def test_scores_depend_neither_on_how_many_scenarios_there_are_nor_on_how_they_a
     problem, scores = shared_motion
     at = {GAIN: [300.0], NOISE: [1e-3]}
     # One outer point: the scenarios are shared out over the devices instead.
-    single = Grid(Problem(small_serial("scorer.warm_up=0.1", f"{PRIOR}=10.0")), at, 6)
+    single = Grid(EstimationProblem(small_serial("scorer.warm_up=0.1", f"{PRIOR}=10.0")), at, 6)
     found = by_configuration(single, single.evaluate(single.outer_points))
     assert_same(
         {name: score[0, 0, :SCENARIOS] for name, score in found.items()},
@@ -122,7 +125,7 @@ def test_scores_depend_neither_on_how_many_scenarios_there_are_nor_on_how_they_a
 
 
 def test_configurations_are_numbered_with_the_last_axis_running_fastest():
-    grid = Grid(Problem(small_serial()), SHARED_MOTION, SCENARIOS)
+    grid = Grid(EstimationProblem(small_serial()), SHARED_MOTION, SCENARIOS)
     expected = [
         dict(zip(SHARED_MOTION, values, strict=True)) for values in itertools.product(*SHARED_MOTION.values())
     ]
@@ -136,7 +139,7 @@ def test_configurations_are_numbered_with_the_last_axis_running_fastest():
 
 
 def test_a_grid_without_axes_is_one_configuration():
-    grid = Grid(Problem(small_serial()), {}, SCENARIOS)
+    grid = Grid(EstimationProblem(small_serial()), {}, SCENARIOS)
     assert grid.configurations == 1
     assert grid.outer_points.shape == (1, 0)
     assert grid.values_of(0) == {}
@@ -156,4 +159,4 @@ def test_a_grid_without_axes_is_one_configuration():
     ],
 )
 def test_which_numbers_touch_the_torque_alone(path, answer):
-    assert is_torque_only(path) == answer
+    assert (Reach.REGRESSORS not in load_study(example_path("serial", "here")).reach(path)) == answer

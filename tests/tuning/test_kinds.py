@@ -12,9 +12,12 @@ from tuning.files.kinds import FILE_KINDS, ONLY_IN_STUDIES, kind_of
 from tuning.files.shipped import CONFIGS, shipped_files
 from tuning.files.toml import read_toml
 from tuning.kinds.arm.study import load_arm_study
+from tuning.kinds.damping.study import DampingStudy
+from tuning.kinds.estimation.study import EstimationStudy
 from tuning.kinds.log.study import load_log_study
 from tuning.logs.signal_map import read_signal_map
-from tuning.study.loading import Config, DampingStudy, EstimationStudy, load_config, load_study
+from tuning.study.base import Config
+from tuning.study.loading import load_config, load_study
 
 LOADERS = {
     "a study of a simulated joint": load_study,

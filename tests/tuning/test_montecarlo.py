@@ -9,8 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tuning.builders import GAIN, RESIDUAL, SERIAL, SMALL, TINY, tiny_serial
-from tuning.problem.replay import member, simulate_recording
-from tuning.problem.scenarios import Problem, Status
+from tuning.kinds.estimation.problem import EstimationProblem
+from tuning.problem.interface import Status
+from tuning.problem.replay import member, simulate
 from tuning.runs.executors import Inline
 from tuning.scoring import montecarlo as module
 from tuning.scoring.montecarlo import MonteCarlo, run_population
@@ -54,8 +55,8 @@ def test_a_scenario_is_its_robot_alone():
         alone = member(study, scenario)
         assert not alone.population.paths
         assert alone.joint.motor.inertia == pytest.approx(rows["joint.motor.inertia"][scenario], rel=1e-15)
-        columns, _ = simulate_recording(study, scenario)
-        truth = Problem(alone).shared_truth
+        columns, _ = simulate(study, scenario)
+        truth = EstimationProblem(alone).shared_truth
         np.testing.assert_allclose(columns["true_stiffness"], truth.motion.stiffness, rtol=1e-9)
 
 
@@ -127,7 +128,7 @@ def test_scenarios_that_cannot_be_scored_say_why():
 
 def test_steps_are_enough_for_the_stiffest_of_the_robots():
     vary = "population.vary={'joint.spring.spring_rate'={type='uniform', low=1.0, high=100.0, relative=true}}"
-    own, population = (Problem(tiny_serial(*settings)).substeps for settings in ((), (vary,)))
+    own, population = (EstimationProblem(tiny_serial(*settings)).substeps for settings in ((), (vary,)))
     assert population >= 8 * own
 
 

@@ -15,8 +15,10 @@ from tuning.files.shipped import CONFIGS
 from tuning.kinds import needs
 from tuning.kinds.needs import features_of, of_study, of_sweep
 from tuning.problem.build import build_estimator
+from tuning.study.base import Config
 from tuning.study.limits import Need, in_bytes, in_count, in_time, limits, product, require
-from tuning.study.loading import Config, load_config, load_study, with_grid
+from tuning.study.loading import load_config, load_study
+from tuning.study.structures import with_grid
 from vsajax import rollout
 
 DAMPING, ARM = CONFIGS / "studies" / "damping.toml", CONFIGS / "studies" / "arm.toml"

@@ -13,7 +13,7 @@ import pytest
 import vsajax
 from tuning.files.whole import write_table
 from tuning.problem.build import build
-from tuning.study.parts import base, bench, control, estimators, joints, springs
+from tuning.study.parts import base, estimators, joints, rig, springs, swings
 from tuning.study.parts.base import Part
 
 LINK, MOTOR = {"inertia": 0.1, "damping": 0.2}, {"inertia": 1e-4, "damping": 1e-3}
@@ -36,42 +36,42 @@ OBSERVER = {
 
 # What each table needs at least.
 MINIMAL = {
-    bench.Sine: {"type": "sine", "amplitude": 1.0, "frequency": 2.0},
-    bench.Multisine: {"type": "multisine", "amplitudes": [1.0], "frequencies": [2.0], "phases": [3.0]},
-    bench.Chirp: {"type": "chirp", "amplitude": 1.0, "start": 2.0, "stop": 3.0, "duration": 4.0},
-    bench.BandLimitedNoise: {"type": "noise", "std": 1.0, "low": 2.0, "high": 3.0},
-    bench.Excitation: {},
-    bench.Encoder: {"counts_per_revolution": 1000.0},
-    bench.Sensor: {},
-    bench.Sensing: {},
-    bench.Clock: {"sample_time": 0.1, "duration": 1.0},
-    bench.Scorer: {},
-    control.SingleLink: {"link": LINK},
-    control.StiffnessActuator: RANGE,
-    control.PositionMotor: {"time_constant": 0.03, "top_speed": 6.0},
-    control.SwitchedPlant: {"mechanism": {"link": LINK}, "actuator": RANGE},
-    control.Pulse: {"torque": 1.0, "duration": 0.05},
-    control.Impact: {"impulse": 0.1},
-    control.FeedbackSensor: {},
-    control.SwingObserver: {},
-    control.Conic: {},
-    control.TimeLead: {"type": "lead", "position_lead": 0.1, "velocity_lead": 0.2},
-    control.FixedThresholds: {"type": "thresholds", "position": 0.1, "velocity": 0.2},
-    control.RelativeThresholds: {"type": "relative", "position_share": 0.1, "velocity_share": 0.2},
-    control.DelayedRelease: {"type": "release", "share": 0.1},
-    control.Hold: {},
-    control.ConstantStiffness: {"type": "constant", "stiffness": 0.5},
-    control.StiffnessSwitch: {"type": "switch", **RANGE},
-    control.SmoothStiffness: {"type": "smooth", **RANGE, "sharpness": 3.0, "rate": 14.0},
-    control.PIDPosition: {
+    rig.Sine: {"type": "sine", "amplitude": 1.0, "frequency": 2.0},
+    rig.Multisine: {"type": "multisine", "amplitudes": [1.0], "frequencies": [2.0], "phases": [3.0]},
+    rig.Chirp: {"type": "chirp", "amplitude": 1.0, "start": 2.0, "stop": 3.0, "duration": 4.0},
+    rig.BandLimitedNoise: {"type": "noise", "std": 1.0, "low": 2.0, "high": 3.0},
+    rig.Excitation: {},
+    rig.Encoder: {"counts_per_revolution": 1000.0},
+    rig.Sensor: {},
+    rig.Sensing: {},
+    rig.Clock: {"sample_time": 0.1, "duration": 1.0},
+    rig.Scorer: {},
+    swings.SingleLink: {"link": LINK},
+    swings.StiffnessActuator: RANGE,
+    swings.PositionMotor: {"time_constant": 0.03, "top_speed": 6.0},
+    swings.SwitchedPlant: {"mechanism": {"link": LINK}, "actuator": RANGE},
+    swings.Pulse: {"torque": 1.0, "duration": 0.05},
+    swings.Impact: {"impulse": 0.1},
+    swings.FeedbackSensor: {},
+    swings.SwingObserver: {},
+    swings.Conic: {},
+    swings.TimeLead: {"type": "lead", "position_lead": 0.1, "velocity_lead": 0.2},
+    swings.FixedThresholds: {"type": "thresholds", "position": 0.1, "velocity": 0.2},
+    swings.RelativeThresholds: {"type": "relative", "position_share": 0.1, "velocity_share": 0.2},
+    swings.DelayedRelease: {"type": "release", "share": 0.1},
+    swings.Hold: {},
+    swings.ConstantStiffness: {"type": "constant", "stiffness": 0.5},
+    swings.StiffnessSwitch: {"type": "switch", **RANGE},
+    swings.SmoothStiffness: {"type": "smooth", **RANGE, "sharpness": 3.0, "rate": 14.0},
+    swings.PIDPosition: {
         "type": "pid",
         "stiffness": 0.5,
         **PID,
     },
-    control.MotorPID: PID,
-    control.Combined: {"type": "combined", "stiffness": {"type": "switch", **RANGE}, "motor": PID},
-    control.BangBangPosition: {"type": "bang_bang", "stiffness": 0.5, "return_time": 0.6, "tolerance": 0.02},
-    control.SwingScorer: {},
+    swings.MotorPID: PID,
+    swings.Combined: {"type": "combined", "stiffness": {"type": "switch", **RANGE}, "motor": PID},
+    swings.BangBangPosition: {"type": "bang_bang", "stiffness": 0.5, "return_time": 0.6, "tolerance": 0.02},
+    swings.SwingScorer: {},
     estimators.SensorTorque: {"type": "sensor"},
     estimators.ModelTorque: {"type": "model", "law": SPRING},
     estimators.ResidualTorque: {
@@ -130,7 +130,7 @@ def every_part(root: type = Part) -> set[type]:
 @pytest.mark.contract
 def test_no_part_is_left_out():
     # A recorded torque reads its file when it is built; it has a test of its own.
-    assert every_part() == {*MINIMAL, bench.RecordedTorque}
+    assert every_part() == {*MINIMAL, rig.RecordedTorque}
     assert all(part.__module__.startswith(base.__package__) for part in MINIMAL)
 
 
@@ -169,7 +169,7 @@ def test_a_recorded_torque_is_read_from_its_file(tmp_path):
     path = tmp_path / "torque.csv"
     columns = {"time": np.array([0.0, 0.1, 0.3]), "motor_torque": np.array([1.0, -2.0, 0.5])}
     write_table(path, columns)
-    built = build(bench.RecordedTorque(type="file", path=str(path)))
+    built = build(rig.RecordedTorque(type="file", path=str(path)))
     assert type(built) is vsajax.sensing.Recorded
     np.testing.assert_array_equal(built.time, columns["time"])
     np.testing.assert_array_equal(built.torque, columns["motor_torque"])
@@ -209,7 +209,7 @@ def test_the_table_and_the_estimator_need_the_same_signals_and_all_can_be_sensed
             assert table.needs == build(table).needs, values
             everything |= table.needs
     # All of them are asked for by one combination or another.
-    assert everything == bench.Sensing.model_fields.keys()
+    assert everything == rig.Sensing.model_fields.keys()
 
 
 @pytest.mark.contract

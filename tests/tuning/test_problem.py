@@ -11,9 +11,10 @@ import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SEA, scenarios_of, small_serial
 from tuning.files.errors import InputError
+from tuning.kinds.estimation.problem import EstimationProblem, Given
 from tuning.kinds.estimation.substeps import try_substeps
 from tuning.problem.build import with_leaves
-from tuning.problem.scenarios import Given, Problem, draw_scenarios
+from tuning.problem.scenarios import draw_scenarios
 from tuning.study.loading import load_study
 from vsajax import sensitivity
 
@@ -38,13 +39,13 @@ def test_no_scenario_is_in_both_streams_or_twice_and_each_seed_has_its_own():
 
 
 def test_integration_steps_are_the_studys_where_it_gives_them():
-    assert Problem(small_serial("substeps=7")).substeps == 7
+    assert EstimationProblem(small_serial("substeps=7")).substeps == 7
 
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-7])
 def test_integration_steps_keep_every_position_within_the_tolerance(tolerance):
-    problem = Problem(
+    problem = EstimationProblem(
         small_serial(f"integration_tolerance={tolerance}", "excitation.setpoint_motor.amplitude=400.0")
     )
     motion, exact = problem.shared_truth.motion, try_substeps(problem.bench, 512).truth.motion
@@ -55,7 +56,7 @@ def test_integration_steps_keep_every_position_within_the_tolerance(tolerance):
 @pytest.mark.slow
 def test_a_tighter_tolerance_and_a_stiffer_moment_ask_for_more_steps():
     tight, mild, strong = (
-        Problem(small_serial(*settings)).substeps
+        EstimationProblem(small_serial(*settings)).substeps
         for settings in (
             ["integration_tolerance=1e-9"],
             ["excitation.setpoint_motor.amplitude=0.0"],
@@ -71,28 +72,28 @@ def test_a_joint_that_diverges_is_refused_with_a_way_out():
     # A softening spring pushed past its summit has no way back.
     study = load_study(SEA, [*SHORT_SEA, "joint.spring.cubic=-1e6", "excitation.motor.amplitudes=[50.0, 0.0]"])
     with pytest.raises(InputError, match=r"diverges, even with 1024 integration steps.*\n.*check its springs"):
-        _ = Problem(study).substeps
+        _ = EstimationProblem(study).substeps
 
 
 @pytest.mark.failure
 def test_a_joint_that_asks_for_too_many_steps_is_refused():
     with pytest.raises(InputError, match=r"asks for about \d+ integration steps a sample.*limit is 1024"):
-        _ = Problem(small_serial("joint.link.inertia=1e-12")).substeps
+        _ = EstimationProblem(small_serial("joint.link.inertia=1e-12")).substeps
 
 
 @pytest.mark.failure
 def test_an_unstable_number_of_steps_is_refused_with_the_largest_safe_step():
     stiff = "joint.spring.spring_rate=1e8"
     with pytest.raises(InputError, match=r"substeps: got 1: .*unstable above .* s\n.*at least (\d+)") as caught:
-        _ = Problem(small_serial("substeps=1", stiff)).substeps
+        _ = EstimationProblem(small_serial("substeps=1", stiff)).substeps
     least = int(re.search(r"at least (\d+)", str(caught.value))[1])
-    assert Problem(small_serial(f"substeps={least}", stiff)).substeps == least
+    assert EstimationProblem(small_serial(f"substeps={least}", stiff)).substeps == least
     with pytest.raises(InputError, match="unstable"):
-        _ = Problem(small_serial(f"substeps={least - 1}", stiff)).substeps
+        _ = EstimationProblem(small_serial(f"substeps={least - 1}", stiff)).substeps
 
 
 def test_what_does_not_move_the_joint_shares_one_motion():
-    problem = Problem(small_serial(), (GAIN, PRIOR, "sensing.motor_torque.noise_std"))
+    problem = EstimationProblem(small_serial(), (GAIN, PRIOR, "sensing.motor_torque.noise_std"))
     assert problem.shares_motion
     keys = scenarios_of(problem.study, "train", 2)
     first, second = (problem.record(key, problem.given)[1] for key in keys)
@@ -101,7 +102,7 @@ def test_what_does_not_move_the_joint_shares_one_motion():
 
 
 def test_a_jittered_clock_gives_every_scenario_its_own_motion():
-    problem = Problem(load_study(SEA, SHORT_SEA))
+    problem = EstimationProblem(load_study(SEA, SHORT_SEA))
     assert problem.shared_truth is None
     keys = scenarios_of(problem.study, "train", 2)
     first, second = (problem.record(key, problem.given)[0] for key in keys)
@@ -111,7 +112,7 @@ def test_a_jittered_clock_gives_every_scenario_its_own_motion():
 
 @pytest.mark.parametrize("path", ["joint.link.inertia", "excitation.motor.amplitude"])
 def test_what_moves_the_joint_gives_every_value_its_own_motion(path):
-    problem = Problem(small_serial(), (path,))
+    problem = EstimationProblem(small_serial(), (path,))
     assert problem.shared_truth is None
     (key,) = scenarios_of(problem.study, "train", 1)
     other = with_leaves(problem.bench, {path: jnp.asarray(0.4)})
@@ -123,12 +124,12 @@ def test_what_moves_the_joint_gives_every_value_its_own_motion(path):
 @pytest.mark.parametrize("objective", ["msrep", "msrep_settled"])
 def test_the_squared_norm_of_the_residuals_is_the_score(objective):
     study = small_serial("scorer.warm_up=0.1", f"tune={{objective='{objective}'}}")
-    problem = Problem(study)
+    problem = EstimationProblem(study)
     values = {GAIN: jnp.asarray(200.0), PRIOR: jnp.asarray(0.5)}
     (key,) = scenarios_of(study, "train", 1)
     observed = problem.observe(values, key, problem.given)
     residuals = sensitivity.run(problem.residual_loop(values, key, problem.given, observed))
-    score = getattr(problem.scores(values, key, problem.given), objective)
+    score = getattr(problem.outcome(values, key, problem.given).scores, objective)
     # Sums of 200 squares in another order.
     np.testing.assert_allclose(residuals @ residuals, score, rtol=200 * 2.0**-52)
     assert (np.count_nonzero(residuals) < 110) == (objective == "msrep_settled")

@@ -17,17 +17,20 @@ import pytest
 from tests.tuning.builders import FORGETTING, PRIOR, SERIAL, SMALL, TINY, edit_manifest
 from tuning.cli.main import run as run_command
 from tuning.files.shipped import CONFIGS
-from tuning.kinds.estimation.traces import Replay
+from tuning.kinds.estimation.traces import Replay, draw_band, draw_cases
+from tuning.pictures import page
 from tuning.pictures.style import new_figure
-from tuning.report import page, pictures, tables
+from tuning.report import tables
 from tuning.report.compose import report_run
 from tuning.report.effort import effort_of, tabulate_effort
 from tuning.report.gather import Contestant, open_finished, short_names
+from tuning.report.pictures import scores as pictures
 from tuning.report.searches import what_is_tuned
 from tuning.runs import machine
 from tuning.runs.folder import RunStore, columns_of, open_run, read_manifest, read_results
 from tuning.scoring.summary import Interval
-from tuning.study.loading import load_config, load_study, resolved, to_toml, with_numbers
+from tuning.study.base import resolved, to_toml
+from tuning.study.loading import load_config, load_study, with_numbers
 from tuning.study.statistic import Statistic
 
 SHORT = [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]
@@ -487,7 +490,7 @@ def test_traces_that_are_not_finite_or_never_move_are_drawn(value, tmp_path):
     nothing = np.full((3, 20), value)
     for known in (np.zeros((3, 20), bool), np.ones((3, 20), bool)):
         traces = Replay(np.tile(np.linspace(0, 1, 20), (3, 1)), nothing, nothing, known)
-        for figure in (pictures.draw_band(traces), pictures.draw_cases(traces, ["a", "b", "c"])):
+        for figure in (draw_band(traces), draw_cases(traces, ["a", "b", "c"])):
             assert page.Picture("", figure, "", "").address.startswith("data:image/svg+xml;base64,")
 
 

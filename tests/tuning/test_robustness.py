@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from tests.tuning.builders import small_serial
-from tuning.problem.scenarios import Status
+from tuning.problem.interface import Status
 from tuning.scoring.summary import has_failed, probability, quantile, sobol_influences, summarise, write_summary
 from tuning.study.population import Population
 from tuning.study.scores import SCORES

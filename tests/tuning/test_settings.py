@@ -6,9 +6,10 @@ import pytest
 
 from tests.tuning.builders import ANTAGONISTIC, SEA, SERIAL
 from tuning.files.errors import InputError
-from tuning.files.shipped import preset_path
+from tuning.files.shipped import choose
 from tuning.files.toml import read_toml
-from tuning.study.loading import load_config, load_study, resolved, study_hash
+from tuning.study.base import resolved, study_hash
+from tuning.study.loading import load_config, load_study
 
 
 def said(*settings: str) -> str:
@@ -64,7 +65,7 @@ def test_a_setting_that_leads_nowhere_is_named(setting, words):
 
 
 def test_a_preset_gives_every_table_of_the_joint():
-    preset = read_toml(preset_path("awas", "here"))
+    preset = read_toml(choose("joints", "awas", "here"))
     joint = resolved(load_study(SERIAL))["joint"]
     assert {key: joint[key] for key in preset} == preset
 
@@ -85,7 +86,7 @@ def test_a_spring_of_another_type_replaces_the_presets_and_one_of_the_same_adds_
 
 
 def test_a_preset_is_as_good_as_its_tables(tmp_path):
-    preset = preset_path("awas", "here").read_text()
+    preset = choose("joints", "awas", "here").read_text()
     tables = preset.replace("[", "[joint.").replace("setpoint_start", "joint.setpoint_start")
     tables = tables.replace("\nstart =", "\njoint.start =")
     text = SERIAL.read_text().replace('[joint]\npreset = "awas"\n', "")

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import pytest
 
 from tests.tuning.builders import GAIN, PRIOR, SERIAL
-from tuning.problem.scenarios import Problem, draw_scenarios
+from tuning.kinds.estimation.problem import EstimationProblem
+from tuning.problem.scenarios import draw_scenarios
 from tuning.scoring.grid import Grid, lane_program
 from tuning.study.loading import load_study
 
@@ -17,9 +18,9 @@ GAINS, PRIORS = [10.0 * 2.0**i for i in range(8)], [10.0**-i for i in range(8)]
 
 
 @pytest.fixture(scope="module")
-def problem() -> Problem:
+def problem() -> EstimationProblem:
     """The AwAS with all 18 coefficients: the covariance is most of the work, as in the paper."""
-    return Problem(load_study(SERIAL, ["clock.duration=0.05", "sweep={}", "tune={}"]), (GAIN, PRIOR))
+    return EstimationProblem(load_study(SERIAL, ["clock.duration=0.05", "sweep={}", "tune={}"]), (GAIN, PRIOR))
 
 
 def multiplications(program) -> int:
@@ -38,7 +39,7 @@ def work(program, *arguments) -> int:
     return multiplications(jax.make_jaxpr(program)(*arguments))
 
 
-def work_of_grid(problem: Problem, axes, scenarios: int) -> int:
+def work_of_grid(problem: EstimationProblem, axes, scenarios: int) -> int:
     grid = Grid(problem, axes, scenarios)
     return work(grid.program, *grid.arguments(grid.outer_points))
 

@@ -16,7 +16,8 @@ from tuning.files.errors import InputError
 from tuning.files.whole import write_text
 from tuning.runs import folder as store_module
 from tuning.runs.folder import RunStore, open_run
-from tuning.study.loading import parse_study, study_hash
+from tuning.study.base import study_hash
+from tuning.study.loading import parse_study
 
 CHUNKS = ["a", "b", "c"]
 PLAN = {"axes": {PRIOR: [0.1, 1.0]}, "scenarios": 2}

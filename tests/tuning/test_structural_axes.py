@@ -12,7 +12,10 @@ from tests.tuning.builders import PRIOR, SERIAL, SMALL, tiny_serial
 from tuning.files.errors import InputError
 from tuning.report.pictures.searches import draw_sweep
 from tuning.scoring.sweep import plan_sweep
-from tuning.study.loading import grid_structures, load_study, structural_paths, study_hash, with_grid
+from tuning.study.base import study_hash
+from tuning.study.loading import load_study
+from tuning.study.paths import structural_paths
+from tuning.study.structures import grid_structures, with_grid
 
 GAIN, TYPE = "estimator.torque.observer_gain", "estimator.torque.type"
 TERMS, MATCHED = "estimator.basis.deflection_terms", "estimator.matched"

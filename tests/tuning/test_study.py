@@ -14,29 +14,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.tuning.builders import EXAMPLES, PRIOR, SERIAL, TUNED
-from tuning.files.shipped import preset_path
+from tuning.files.shipped import choose
 from tuning.files.toml import read_toml, validate
+from tuning.kinds.damping.deployable import deployable_of
+from tuning.kinds.damping.problem import DampingProblem
+from tuning.kinds.damping.study import DampingStudy
+from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.problem.build import (
     build,
-    build_bench,
-    build_controller,
     build_estimator,
-    build_loop,
     number,
     with_leaves,
 )
-from tuning.study.loading import (
-    DampingStudy,
-    load_config,
-    load_study,
-    numeric_paths,
-    parse_study,
-    resolved,
-    study_hash,
-    to_toml,
-    with_numbers,
-)
+from tuning.study.base import resolved, study_hash, to_toml
+from tuning.study.loading import load_config, load_study, parse_study, with_numbers
 from tuning.study.parts.joints import SerialJoint
+from tuning.study.paths import numeric_paths
 from vsajax.plants import awas
 
 NUMBERS = numeric_paths(load_study(SERIAL))
@@ -45,7 +38,7 @@ each_example = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.s
 
 def built(study):
     """Return what a study simulates."""
-    return build_loop(study) if isinstance(study, DampingStudy) else build_bench(study)
+    return (DampingProblem if isinstance(study, DampingStudy) else EstimationProblem)(study).bench
 
 
 @pytest.mark.contract
@@ -68,7 +61,7 @@ def test_every_example_is_a_valid_study_of_its_kind(path):
 def test_every_tuned_configuration_is_valid_and_builds(path):
     config = load_config(path)
     if isinstance(config, DampingStudy):
-        assert eqx.tree_equal(build_controller(config).controller, build(config.controller))
+        assert eqx.tree_equal(deployable_of(config, str(path)).build().controller, build(config.controller))
         scores = config.provenance
         assert scores["held_out"]["value"] < scores["before_on_held_out"]["value"]
         assert set(scores["tuned"]) <= numeric_paths(config).keys()
@@ -78,7 +71,7 @@ def test_every_tuned_configuration_is_valid_and_builds(path):
 
 @pytest.mark.contract
 def test_the_preset_file_is_the_librarys_awas_leaf_for_leaf():
-    joint = build(validate(SerialJoint, read_toml(preset_path("awas", "here")), "awas"))
+    joint = build(validate(SerialJoint, read_toml(choose("joints", "awas", "here")), "awas"))
     assert eqx.tree_equal(joint, awas())
 
 

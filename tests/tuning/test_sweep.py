@@ -12,7 +12,7 @@ from tests.tuning.builders import NOISE, PRIOR, tiny_serial
 from tuning.files.errors import InputError
 from tuning.scoring import sweep as sweep_module
 from tuning.scoring.sweep import GridSweep, plan_sweep, rank
-from tuning.study.loading import with_grid
+from tuning.study.structures import with_grid
 
 AXES = {NOISE: [0.01, 0.03], PRIOR: [0.1, 0.3, 1.0, 3.0, 10.0]}
 SCENARIOS = 2

@@ -13,12 +13,14 @@ import pytest
 
 from tests.tuning.builders import FORGETTING, GAIN, PRIOR, RESIDUAL, tiny_tuning
 from tuning.files.errors import InputError
-from tuning.problem.scenarios import Problem
+from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.scoring.grid import Grid
 from tuning.scoring.intervals import Judgement
 from tuning.search.least_squares import GradientTuner, Outcome
 from tuning.search.refine import Search, Tuned, plan_search, tune
-from tuning.study.loading import load_study, numeric_paths, resolved, study_hash
+from tuning.study.base import resolved, study_hash
+from tuning.study.loading import load_study
+from tuning.study.paths import numeric_paths
 
 METHODS = {"gradient": 2, "grid": 0, "hybrid": 2}
 """Starts of each method."""
@@ -136,7 +138,7 @@ def test_a_judgement_is_of_the_scores_on_its_stream():
     search = Search(tiny_tuning(), "gradient")
     judged = search.judge({PRIOR: 2.0, FORGETTING: 0.95}, "held_out", 5)
     study = tiny_tuning(f"{PRIOR}=2.0", f"{FORGETTING}=0.95")
-    scores = Grid(Problem(study), {}, 5, "held_out").evaluate(np.empty((1, 0)))["msrep"][0, 0]
+    scores = Grid(EstimationProblem(study), {}, 5, "held_out").evaluate(np.empty((1, 0)))["msrep"][0, 0]
     np.testing.assert_allclose(judged.each, scores, rtol=1e-12)
     assert judged.mean == pytest.approx(scores.mean(), rel=1e-12)
     assert judged.median == pytest.approx(np.median(scores), rel=1e-12)

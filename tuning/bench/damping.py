@@ -10,10 +10,11 @@ import jax.numpy as jnp
 
 from tuning.bench.workload import Kernel, Workload
 from tuning.files.shipped import example_path
+from tuning.kinds.damping.problem import DampingProblem
+from tuning.kinds.damping.study import DampingStudy
 from tuning.problem.build import with_leaves
-from tuning.problem.interface import ControlProblem
 from tuning.problem.scenarios import draw_scenarios
-from tuning.study.loading import DampingStudy, load_study
+from tuning.study.loading import load_study
 from vsajax import ControlLoop, closed_loop, rollout
 
 _CONTROLLER = "controller={type='switch', soft=0.3, stiff=1.0, rule={type='conic', lead=0.03, slope=9.0}}"
@@ -22,12 +23,12 @@ _LONGEST = 250.0
 """10,000 loops of 4 s at 1 kHz in 10 s [ns]."""
 
 
-def problem_of(settings: Sequence[str], *, sensed: bool) -> ControlProblem:
+def problem_of(settings: Sequence[str], *, sensed: bool) -> DampingProblem:
     """Return the shipped study under a conic rule; without `sensed` the controller is told the true motion."""
     lean = ["sweep={}", "tune={}", _CONTROLLER, "sensor.longest_delay=5"]
     study = load_study(example_path("damping", "damping"), [*lean, *settings])
     assert isinstance(study, DampingStudy)
-    return ControlProblem(study if sensed else study.model_copy(update={"sensor": None}))
+    return DampingProblem(study if sensed else study.model_copy(update={"sensor": None}))
 
 
 def _prepare(lanes: int, settings: Sequence[str], *, sensed: bool) -> Workload:

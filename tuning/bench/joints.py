@@ -12,9 +12,9 @@ import numpy as np
 from tuning.bench.opponent import Opponent
 from tuning.bench.workload import Kernel, Workload
 from tuning.files.shipped import example_path
+from tuning.kinds.estimation.problem import EstimationProblem
+from tuning.kinds.estimation.study import load_estimation
 from tuning.problem.build import number, with_leaves
-from tuning.problem.scenarios import Problem
-from tuning.study.loading import load_estimation
 from vsajax import Bench, experiment, rollout
 
 Kind = Literal["serial", "antagonistic"]
@@ -40,7 +40,7 @@ MENARD = tuple(
 _KEPT = ("gear_ratio", "start", "arm", "pitch", "linear")
 
 
-def problem_of(kind: Kind, settings: Sequence[str], substeps: int) -> Problem:
+def problem_of(kind: Kind, settings: Sequence[str], substeps: int) -> EstimationProblem:
     """Return the shipped study of a kind, shortened to what the bench needs.
 
     Args:
@@ -49,7 +49,7 @@ def problem_of(kind: Kind, settings: Sequence[str], substeps: int) -> Problem:
         substeps: integration steps a sample.
     """
     lean = ["sweep={}", "tune={}", f"substeps={substeps}", "clock.duration=2.0"]
-    return Problem(load_estimation(example_path(kind, kind), [*lean, *settings]))
+    return EstimationProblem(load_estimation(example_path(kind, kind), [*lean, *settings]))
 
 
 def spread(bench: Bench, paths: Sequence[str], lanes: int, *, seed: int = 0) -> dict[str, np.ndarray]:

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from tuning.bench.joints import AWAS, MENARD, Kind, spread
+from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.problem.build import with_leaves
-from tuning.problem.scenarios import Problem
 from vsajax import Bench, Recording, experiment, rollout
 
 _SIGNALS: dict[Kind, tuple[str, ...]] = {
@@ -39,7 +39,7 @@ class Lanes(NamedTuple):
         return [np.ascontiguousarray(x) for x in (*self.signals.values(), self.stiffness)]
 
 
-def record_joints(problem: Problem, kind: Kind, lanes: int) -> tuple[jax.Array, Lanes]:
+def record_joints(problem: EstimationProblem, kind: Kind, lanes: int) -> tuple[jax.Array, Lanes]:
     """Return the instants [s], and recordings of `lanes` joints within ±10 % of the study's."""
     # The study's own number, not `problem.substeps`, which would simulate to check it.
     substeps, paths, names = problem.study.substeps, AWAS if kind == "serial" else MENARD, _SIGNALS[kind]

@@ -14,8 +14,9 @@ from tuning.bench.joints import AWAS_SUBSTEPS, problem_of
 from tuning.bench.opponent import Opponent
 from tuning.bench.recordings import Lanes, intervals_of, record_joints
 from tuning.bench.workload import Kernel, Workload
+from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.problem.build import number, with_leaves
-from tuning.problem.scenarios import Problem, draw_scenarios
+from tuning.problem.scenarios import draw_scenarios
 from tuning.scoring.grid import Grid
 from tuning.search.least_squares import LANES_PER_CHUNK
 from vsajax import Bench, Scores, experiment, rollout, sensitivity
@@ -64,7 +65,7 @@ def _score(values: dict[str, jax.Array], own: Lanes, shared: tuple[Bench, jax.Ar
     return experiment.score(estimator, own.recording(time), own.stiffness, scorer=bench.scorer)
 
 
-def _recorded(lanes: int, settings: Sequence[str], deflection: str) -> tuple[Problem, jax.Array, Lanes]:
+def _recorded(lanes: int, settings: Sequence[str], deflection: str) -> tuple[EstimationProblem, jax.Array, Lanes]:
     problem = problem_of("serial", [f"estimator.deflection={deflection!r}", *settings], AWAS_SUBSTEPS)
     return problem, *record_joints(problem, "serial", lanes)
 
@@ -129,7 +130,7 @@ def _sweep(lanes: int, settings: Sequence[str]) -> Workload:
     draws = max(1, lanes // (OBSERVER_GAINS * PRIOR_SCALES))
     problem = problem_of("serial", ["estimator.deflection='raw'", *settings], AWAS_SUBSTEPS)
     axes = {PRIOR: scales.tolist(), GAIN: gains.tolist()}
-    varied = Problem(problem.study, tuple(axes))
+    varied = EstimationProblem(problem.study, tuple(axes))
     grid = Grid(varied, axes, draws)
 
     # C computes this score alone; what else a sweep keeps is then not computed here either.

@@ -26,7 +26,7 @@ from tuning.terminal.options import (
 
 if TYPE_CHECKING:
     from tuning.scoring.comparison import Contender
-    from tuning.study.loading import Study
+    from tuning.study.base import Study
 
 
 @click.command(epilog="Example: vsajax contest shipped:contests/damping -o runs/contest")

@@ -70,14 +70,15 @@ def export(
         raise click.MissingParameter(param_hint="'--to'", param_type="option")
     if folder is None:
         raise click.MissingParameter(param_hint="'-o' / '--output'", param_type="option")
-    from tuning.exports.configs import load_exportable
+    from tuning.study.kinds import exported_files
+    from tuning.study.loading import load
 
     # Mistakes are told before jax is waited for.
     if name is not None:
         from tuning.exports.names import checked_name
 
         checked_name(name, "--name")
-    loaded = load_exportable(config, settings)
+    loaded = load(config, settings, *exported_files(), unused=("sweep", "tune"))
     if recording is not None:
         refuse_given("does not go with --recording, which has a length of its own", "duration")
     from tuning.kinds.needs import of_export

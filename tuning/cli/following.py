@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tuning.study.loading import Study
+    from tuning.study.base import Study
 from tuning.terminal.following import Words, deploy, fresh, run_folder, start, words
 
 

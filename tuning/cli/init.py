@@ -111,8 +111,8 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
 
     Configurations, studies of logs and of arms, signal maps and presets are checked alike.
     """
+    from tuning.study.base import resolved, study_hash, to_toml
     from tuning.study.limits import require
-    from tuning.study.loading import resolved, study_hash, to_toml
 
     kind, config = _load(study, settings)
     require(*_needs_of(config, str(study)))
@@ -136,7 +136,7 @@ def _notes_on(config: Table, path: Path) -> list[str]:
 
     if not isinstance(config, ArmStudy):
         return []
-    from tuning.kinds.arm.chain import chain_of
+    from tuning.kinds.arm.kinematics import chain_of
 
     return outside_of(config, chain_of(config.arm, str(path), path.parent))
 
@@ -147,7 +147,7 @@ def _needs_of(config: Table, place: str) -> list[Need]:
     from tuning.kinds.arm.needs import of_arm
     from tuning.kinds.arm.study import ArmStudy
     from tuning.kinds.log.study import LogStudy
-    from tuning.study.loading import Config, Study
+    from tuning.study.base import Config, Study
 
     if isinstance(config, ArmStudy):
         return of_arm(config, place)
@@ -193,7 +193,9 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
         from tuning.kinds.presets import parse_arm
 
         return kinds.ARM, parse_arm(tables, str(path))
-    from tuning.study.loading import EstimationStudy, Study, load_config
+    from tuning.kinds.estimation.study import EstimationStudy
+    from tuning.study.base import Study
+    from tuning.study.loading import load_config
     from tuning.study.parts.rig import RecordedTorque
 
     config = load_config(path, settings)

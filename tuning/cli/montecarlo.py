@@ -83,11 +83,11 @@ def montecarlo(
     For an arm: what an error in its joints' stiffness costs at the hand.
     """
     from tuning.files.errors import input_error
+    from tuning.files.kinds import ARM_STUDY, kind_of
     from tuning.files.toml import read_toml
-    from tuning.kinds.arm.study import is_arm_study
     from tuning.study.loading import load_study
 
-    if is_arm_study(read_toml(study)):
+    if kind_of(read_toml(study)) is ARM_STUDY:
         from tuning.kinds.arm.commands import run_arm_accuracy
 
         spread = ("executor", "workers", "scheduler", "wait")

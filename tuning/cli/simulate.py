@@ -13,7 +13,7 @@ from tuning.terminal.options import JSON, QUIET, SEED, SETTINGS, STUDY, emit, ou
 
 if TYPE_CHECKING:
     from tuning.logs.reading import RecordingTable
-    from tuning.study.loading import Config, Study
+    from tuning.study.base import Config, Study
 
 
 @click.command(epilog="Example: vsajax simulate study.toml -o rec.parquet")
@@ -54,22 +54,20 @@ def simulate(
     require_drawable(loaded, scenario + 1, "--scenario")
     start_jax()
     from tuning.files.whole import write_table, write_text
-    from tuning.kinds.damping.pictures import draw_swing
-    from tuning.kinds.estimation.pictures import draw_recording
     from tuning.pictures.style import save
-    from tuning.problem.replay import member, simulate_recording, simulate_swing
-    from tuning.study.loading import EstimationStudy, resolved, to_toml
+    from tuning.problem import replay
+    from tuning.study.base import resolved, to_toml
+    from tuning.study.kinds import kind_named
 
-    if isinstance(loaded, EstimationStudy):
-        draw, (columns, substeps) = draw_recording, simulate_recording(loaded, scenario)
-    else:
-        draw, (columns, substeps) = draw_swing, simulate_swing(loaded, scenario)
+    columns, substeps = replay.simulate(loaded, scenario)
     write_table(output, columns)
     robot = None
     if loaded.population.paths:
         robot = output.with_suffix(".toml")
-        write_text(robot, to_toml(resolved(member(loaded, scenario))))
-    picture = save(draw(columns, title=loaded.name), output.with_suffix(".png"))
+        write_text(robot, to_toml(resolved(replay.member(loaded, scenario))))
+    draw = kind_named(loaded.kind).picture
+    assert draw is not None
+    picture = save(draw.load()(columns, title=loaded.name), output.with_suffix(".png"))
     emit(
         {
             "recording": output,
@@ -88,7 +86,7 @@ def simulate(
 
 def _after_simulation(study: Study, path: Path, recording: Path, robot: Path | None, settings: list[str]) -> Words:
     """Return how to estimate over what was simulated; where nothing is estimated, how to better the study."""
-    from tuning.study.loading import EstimationStudy
+    from tuning.kinds.estimation.study import EstimationStudy
 
     if not isinstance(study, EstimationStudy):
         return improve(study, path, settings)
@@ -132,8 +130,10 @@ def estimate(
     """
     from tuning.files.errors import input_error, printable
     from tuning.files.whole import table_suffix
+    from tuning.kinds.estimation.study import require_regular_clock
     from tuning.logs.reading import read_recording
-    from tuning.study.loading import Config, load_config, require_regular_clock
+    from tuning.study.base import Config
+    from tuning.study.loading import load_config
 
     chosen = {}
     for choice in select:

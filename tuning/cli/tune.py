@@ -30,7 +30,7 @@ from tuning.terminal.options import (
 if TYPE_CHECKING:
     from tuning.search.blackbox import Explored
     from tuning.search.refine import Tuned
-    from tuning.study.loading import Study
+    from tuning.study.base import Study
 
 _BLACK_BOX = ("tpe", "cmaes", "pareto")
 _TRIALS, _GRADIENT = ("trials", "batch"), ("algorithm", "starts", "budget")
@@ -80,7 +80,8 @@ def sweep(
     quiet: bool,
 ) -> None:
     """Score every point of a grid over numbers of STUDY, on the same noise draws."""
-    from tuning.study.loading import load_study, with_grid
+    from tuning.study.loading import load_study
+    from tuning.study.structures import with_grid
 
     loaded = load_study(study, with_seed(settings, seed))
     loaded = with_grid(loaded, grids, scenarios)

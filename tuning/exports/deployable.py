@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path as File
 from typing import Any, ClassVar
 
 import numpy as np
 
-from tuning.exports.configs import Exportable
 from tuning.exports.layout import Path
 from tuning.exports.names import identifier_of
 from tuning.exports.program import StepProgram, program_of
 from tuning.exports.ranges import Limits, Order, Range, orders_of, range_of
+from tuning.files.errors import InputError, input_error
 from tuning.logs.reading import read_recording
+from tuning.study.base import Base
+from tuning.study.kinds import exported_files, kind_named
+from tuning.study.loading import load
 from tuning.study.parts.base import Part
 
 
@@ -30,7 +33,7 @@ class Deployable(ABC):
 
     @property
     @abstractmethod
-    def config(self) -> Exportable:
+    def config(self) -> Base:
         """The configuration."""
 
     @property
@@ -124,3 +127,35 @@ class Deployable(ABC):
         title = f"{self.config.name}: {self.title}"
         own = identifier_of(self.config.name) if name is None else name
         return program_of(self.module, self.sample, name=own, title=title, limits=self.limits)
+
+
+def load_deployable(path: File, settings: Sequence[str] = ()) -> Deployable:
+    """Return what the configuration in a TOML file is exported as, with `a.b=value` settings applied first.
+
+    A sweep or a search that the settings have made impossible is left out: an export makes neither.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
+    return deployable_of(load(path, settings, *exported_files(), unused=("sweep", "tune")), str(path))
+
+
+def deployable_of(config: Base, place: str) -> Deployable:
+    """Return what a configuration is exported as: its estimator, its controller, or an arm's designer.
+
+    Raises:
+        InputError: it has none, or one that no robot can run.
+    """
+    make = kind_named(config.kind).deployable
+    if make is None:
+        raise nothing_to_export(config, place)
+    return make.load()(config, place)
+
+
+def nothing_to_export(config: Base, place: str) -> InputError:
+    """Return the error of a configuration without a part that runs on a robot."""
+    return input_error(
+        place,
+        f"kind {config.kind!r} has nothing to export",
+        "name a study or configuration with [estimator], a damping study with [controller], or an arm's study",
+    )

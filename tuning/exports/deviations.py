@@ -35,12 +35,11 @@ def measure(name: str, *, seconds: float) -> tuple[str, ...]:
     Raises:
         InputError: a format does not hold.
     """
-    from tuning.exports.configs import load_exportable
-    from tuning.exports.deployables import deployable_of
+    from tuning.exports.deployable import load_deployable
     from tuning.exports.export import subject_of, write_export
 
     path = located(Path(f"shipped:{name}"))
-    subject = subject_of(deployable_of(load_exportable(path), str(path)), path, seconds=seconds)
+    subject = subject_of(load_deployable(path), path, seconds=seconds)
     results: dict[str, list[dict[str, Any]]] = {}
     for target in _CHECKS:
         with tempfile.TemporaryDirectory() as place:

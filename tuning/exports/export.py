@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tuning.exports.artefact import Artefact, Subject
-from tuning.exports.configs import load_exportable
-from tuning.exports.deployable import Deployable
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import Deployable, load_deployable
 from tuning.exports.flatten import Untraceable
 from tuning.exports.formats.registry import writer_of
 from tuning.exports.golden import make_golden
@@ -21,7 +19,7 @@ from tuning.exports.recheck import CHECKS, Exported, read_manifest, run_check
 from tuning.files.errors import InputError, input_error
 from tuning.files.text import plain
 from tuning.files.whole import write_bytes, write_text
-from tuning.study.loading import study_hash
+from tuning.study.base import study_hash
 
 SECONDS = 10.0
 """Length of a golden recording that is simulated [s]."""
@@ -54,7 +52,7 @@ def export_config(
         InputError: the configuration is not valid or cannot be exported so, or the folder cannot be written.
     """
     own = None if name is None else checked_name(name, "--name")
-    deployable = deployable_of(load_exportable(path, settings), str(path))
+    deployable = load_deployable(path, settings)
     _check_folder_is_free(folder, target)
     try:
         subject = subject_of(deployable, path, seconds=seconds, recording=recording, name=own)

@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.errors import input_error
 from tuning.exports.arithmetic import uncontracted
 from tuning.exports.checks.checking import deviation
 from tuning.exports.deployable import Deployable
 from tuning.exports.layout import dotted
 from tuning.exports.program import Slot, StepProgram
+from tuning.files.errors import input_error
 from vsajax import Guarded, rollout
 
 Columns = dict[str, np.ndarray]

@@ -66,11 +66,6 @@ def find_shipped(name: str, place: str) -> Path:
     raise input_error(place, "no such file ships with vsajax", f"{hint} `vsajax init --list` prints them all")
 
 
-def preset_path(name: object, place: str) -> Path:
-    """Return the file of a joint preset; `place` names who asks for it in the error."""
-    return choose("joints", name, place)
-
-
 def example_path(kind: object, place: str) -> Path:
     """Return the file of an example study."""
     return choose("studies", kind, place)

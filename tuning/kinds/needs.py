@@ -11,12 +11,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from tuning.files.errors import input_error
+from tuning.kinds.damping.study import DampingStudy
+from tuning.kinds.estimation.study import EstimationStudy
 from tuning.runs.machine import usable_cores
+from tuning.study.base import Config, Study
 from tuning.study.limits import Need, in_count, product
-from tuning.study.loading import Config, DampingStudy, EstimationStudy, Study, grid_structures
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.study.parts.rig import BandLimitedNoise, Clock
-from tuning.study.ranges import is_torque_only
+from tuning.study.ranges import Reach
+from tuning.study.structures import grid_structures
 
 if TYPE_CHECKING:
     from tuning.kinds.log.study import LogStudy
@@ -152,7 +155,9 @@ def of_sweep(study: Study, place: str, *, machines: float = 1.0) -> Need:
     sizes = {path: axis.size for path, axis in study.sweep.grid.items()}
     scenarios, points = study.sweep.scenarios, product(*sizes.values())
     rows = product(points, scenarios)
-    inner = product(scenarios, *(size for path, size in sizes.items() if is_torque_only(path)))
+    inner = product(
+        scenarios, *(size for path, size in sizes.items() if Reach.REGRESSORS not in study.reach(path))
+    )
     amount = f"{in_count(points)} points × {in_count(scenarios)} scenarios = {in_count(rows)} rows of results"
     asked = Need(place, amount, "give the axes fewer points, or fewer scenarios")
     chunk = max(inner, min(rows, _CHUNK_STEPS / samples_of(study.clock)))
@@ -296,7 +301,7 @@ def _integration_steps(study: Study) -> float:
 def _has_many_motions(study: Study) -> bool:
     """Return whether every recording has a motion of its own."""
     paths = [*study.population.paths, *study.sweep.grid]
-    own = any(path.startswith(("joint.", "excitation.")) for path in paths)
+    own = any(Reach.MOTION in study.reach(path) for path in paths)
     return own or isinstance(study, DampingStudy) or study.clock.jitter_std is not None
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from tuning.files.toml import validate
-from tuning.kinds.arm.chain import chain_of
-from tuning.kinds.arm.study import Arm
+from tuning.kinds.arm.kinematics import chain_of
+from tuning.kinds.arm.tables import Arm
 from tuning.study.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
 
 

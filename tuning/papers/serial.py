@@ -12,12 +12,14 @@ import jax
 import numpy as np
 
 from tuning.files.shipped import example_path
+from tuning.kinds.estimation.problem import EstimationProblem
+from tuning.kinds.estimation.study import EstimationStudy, load_estimation
 from tuning.papers.rows import Report, Row
 from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, save
 from tuning.problem.build import build_estimator
-from tuning.problem.scenarios import Problem, Scenario, draw_scenarios
+from tuning.problem.interface import Scenario
+from tuning.problem.scenarios import draw_scenarios
 from tuning.scoring.grid import Grid
-from tuning.study.loading import EstimationStudy, load_estimation
 from vsajax import Estimate, Truth, experiment, rollout
 
 _TITLE = "Flacco et al., IROS 2011: serial adjustable-stiffness joint"
@@ -53,7 +55,7 @@ class _Run:
 
 
 def _run(study: EstimationStudy, scenario: int = 0) -> _Run:
-    problem = Problem(study)
+    problem = EstimationProblem(study)
     drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, "train", 1, scenario))
     truth, recording = problem.record(drawn, problem.given)
     return _Run(truth, recording, jax.jit(experiment.estimate)(build_estimator(study), recording))
@@ -68,7 +70,7 @@ def reproduce(folder: Path | None) -> Report:
 
 
 def _scores(study: EstimationStudy, seeds: int) -> dict[str, np.ndarray]:
-    scores = Grid(Problem(study), {}, seeds).evaluate(np.empty((1, 0)))
+    scores = Grid(EstimationProblem(study), {}, seeds).evaluate(np.empty((1, 0)))
     return {name: value[0, 0] for name, value in scores.items()}
 
 
@@ -112,7 +114,7 @@ def _table_rows(name: str, scores: dict[str, np.ndarray]) -> list[Row]:
 
 def _reference_rows() -> list[Row]:
     """Return the median over the very draws of the independent reproduction, and over many more of the same."""
-    problem = Problem(_study())
+    problem = EstimationProblem(_study())
     truth, silent = problem.record(Scenario(jax.random.key(0), {}), problem.given)
     std, clean = float(problem.study.sensing.motor_torque.noise_std), truth.motion.motor_torque  # pyright: ignore
 
@@ -177,7 +179,7 @@ def _identity_row() -> Row:
 
 
 def _deflection_row() -> Row:
-    deflection = np.asarray(Problem(_study()).shared_truth.motion.deflection)  # pyright: ignore[reportOptionalMemberAccess]
+    deflection = np.asarray(EstimationProblem(_study()).shared_truth.motion.deflection)  # pyright: ignore[reportOptionalMemberAccess]
     return Row(
         "largest deflection (Fig. 3)",
         1e-3,

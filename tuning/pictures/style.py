@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any, Literal
 
@@ -77,3 +78,14 @@ def save(figure: Figure, path: Path) -> Path:
     except OSError as error:
         raise input_error(path, f"cannot be written ({error.strerror})", "check the folder and the disk") from None
     return path
+
+
+WIDTH = 5.6
+
+
+def quantiles(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the 5, 50 and 95 % quantiles over the rows, passing over NaN; NaN where there is nothing else."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        low, middle, high = np.nanquantile(values, (0.05, 0.5, 0.95), axis=0)
+    return low, middle, high

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 
 import vsajax
-from tuning.study.loading import Config, DampingStudy, EstimationStudy
+from tuning.study.base import Config
 from tuning.study.parts.base import Part
 
 
@@ -21,26 +21,6 @@ def build(part: Any) -> Any:
     module, name = part.target.split(".")
     make = getattr(getattr(vsajax, module), name)
     return make(**{key: build(value) for key, value in part.arguments().items()})
-
-
-def build_bench(study: EstimationStudy) -> vsajax.Bench:
-    """Return the bench of a study."""
-    return vsajax.Bench(
-        **{name: build(getattr(study, name)) for name in ("joint", "excitation", "sensing", "estimator")},
-        scorer=build(study.scorer),
-        clock=build(study.clock),
-    )
-
-
-def build_loop(study: DampingStudy) -> vsajax.ControlLoop:
-    """Return the closed loop of a study."""
-    parts = ("plant", "impact", "controller", "scorer", "clock", "sensor", "observer", "start")
-    return vsajax.ControlLoop(**{name: build(getattr(study, name)) for name in parts})
-
-
-def build_controller(study: DampingStudy) -> vsajax.control.ObservedController:
-    """Return the controller of a study together with the observer in front of it."""
-    return vsajax.control.ObservedController(build(study.controller), build(study.observer))
 
 
 def build_estimator(config: Config) -> vsajax.estimators.AbstractEstimator:

@@ -1,108 +1,134 @@
-"""A damping study made computable: what `problem.Problem` is for estimators, for controllers in the loop."""
+"""What a kind of study gives the methods: its score as a pure function of numbers and scenarios.
+
+Sweeps, populations, comparisons and searches know nothing else of what they run over.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+import enum
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Key
 
-from tuning.problem.build import build_loop, with_leaves
-from tuning.problem.scenarios import Outcome, Problem, Scenario, Status, Values, Vector
-from tuning.study.loading import DampingStudy, EstimationStudy, Study
-from vsajax import ControlLoop, SwingMotion, SwingScores, closed_loop
-from vsajax.closed_loop import Exchange
+from tuning.study.base import Study
+from tuning.study.kinds import kind_named
+
+Stream = Literal["train", "held_out", "population", "sensitivity"]
+Values = Mapping[str, Float[Array, "..."]]
+Vector = Float[Array, " p"]
 
 
-@dataclass(frozen=True)
-class ControlProblem:
-    """A study's closed loop, and its scores as pure functions of varied numbers and scenarios.
+class Scenario(NamedTuple):
+    """What tells one scenario from another, or `(scenario,)` of them.
+
+    Args:
+        key: of the clock's jitter and the sensors' noise.
+        numbers: the population's numbers by path.
+    """
+
+    key: Key[Array, "..."]
+    numbers: dict[str, Float[Array, "..."]]
+
+
+class Status(enum.IntEnum):
+    """How a scenario ended: only the scores of an `OK` one count."""
+
+    OK = 0
+    MOTION_DIVERGED = 1
+    STEP_TOO_COARSE = 2
+    ESTIMATE_DIVERGED = 3
+
+    @property
+    def reason(self) -> str:
+        """What happened, for people."""
+        return _REASONS[self]
+
+
+_REASONS = {
+    Status.OK: "scored",
+    Status.MOTION_DIVERGED: "the simulated motion is not finite",
+    Status.STEP_TOO_COARSE: "the joint is too stiff for the study's integration steps: set `substeps`",
+    Status.ESTIMATE_DIVERGED: "an estimate is not finite",
+}
+
+
+class Outcome(NamedTuple):
+    """A scenario's scores, and whether they count.
+
+    Args:
+        scores: a named tuple of numbers, see `study.scores`.
+        status: a `Status`.
+    """
+
+    scores: Any
+    status: Float[Array, "..."]
+
+
+class Problem(Protocol):
+    """A study made computable.
+
+    It is made from the study and the dotted paths of the numbers that will vary beside the population's.
+    """
+
+    @property
+    def study(self) -> Study:
+        """The study."""
+        ...
+
+    if_not_finite: ClassVar[tuple[str, str]]
+    """The table to look at where a simulation is not finite, and what to do."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of a run."""
+        ...
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps a sample."""
+        ...
+
+    @property
+    def given(self) -> Any:
+        """What the functions below are given: as an argument, so that one compilation serves every value."""
+        ...
+
+    def outcome(self, values: Values, scenario: Scenario, given: Any) -> Outcome:
+        """Return the scores at `values` in a scenario, and whether they count."""
+        ...
+
+    def columns(self, scenario: Scenario, given: Any) -> dict[str, Array]:
+        """Return the signals of a scenario by name, the truth among them, each `(time,)`."""
+        ...
+
+
+@runtime_checkable
+class Differentiable(Problem, Protocol):
+    """A problem whose objective has a gradient."""
+
+    def observe(self, values: Values, scenario: Scenario, given: Any) -> Any:
+        """Return all of a scenario that `values` which reach no further than the estimate leave as it is."""
+        ...
+
+    def objective(self, values: Values, scenario: Scenario, given: Any, observed: Any) -> Float[Array, ""]:
+        """Return the scenario's objective; `observed` may be `None`."""
+        ...
+
+    def normal_equations(
+        self, values_at: Callable[[Vector], Values], z: Vector, scenario: Scenario, given: Any, observed: Any
+    ) -> Float[Array, "q q"]:
+        """Return MᵀM of M = [J r], the residuals r and their derivatives J = ∂r/∂z at `values_at(z)`."""
+        ...
+
+
+def problem_of(study: Study, varied: tuple[str, ...] = ()) -> Problem:
+    """Return the problem that a study poses.
 
     Args:
         study: the study.
         varied: dotted paths of the numbers that will vary, beside the population's.
     """
-
-    study: DampingStudy
-    varied: tuple[str, ...] = ()
-
-    @cached_property
-    def bench(self) -> ControlLoop:
-        """The loop at the study's own numbers."""
-        return build_loop(self.study)
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of a run."""
-        return self.bench.clock.samples
-
-    @property
-    def substeps(self) -> int:
-        """Integration steps a sample."""
-        return self.study.substeps
-
-    @property
-    def given(self) -> ControlLoop:
-        """What `scores`, `outcome` and `objective` are given: one compilation serves every value."""
-        return self.bench
-
-    def motion(self, scenario: Scenario, given: ControlLoop) -> SwingMotion:
-        """Return the motion in a scenario."""
-        loop = with_leaves(given, scenario.numbers)
-        return closed_loop.simulate(loop, key=scenario.key, substeps=self.substeps)
-
-    def exchange(self, scenario: Scenario, given: ControlLoop) -> Exchange:
-        """Return what the joint's controller was told in a scenario, and what it answered."""
-        loop = with_leaves(given, scenario.numbers)
-        return closed_loop.exchanges(loop, key=scenario.key, substeps=self.substeps)[0]
-
-    def scores(self, values: Values, scenario: Scenario, given: ControlLoop) -> SwingScores:
-        """Return the scores at `values` in a scenario."""
-        loop = with_leaves(given, {**scenario.numbers, **values})
-        return closed_loop.score(loop, key=scenario.key, substeps=self.substeps)
-
-    def outcome(self, values: Values, scenario: Scenario, given: ControlLoop) -> Outcome:
-        """Return the scores at `values` in a scenario, and whether they count."""
-        scores = self.scores(values, scenario, given)
-        return Outcome(scores, jnp.where(scores.diverged > 0, Status.MOTION_DIVERGED, Status.OK))
-
-    def objective(
-        self, values: Values, scenario: Scenario, given: ControlLoop, observed: object
-    ) -> Float[Array, ""]:
-        """Return the scenario's `log_energy`."""
-        residuals = self._residuals(values, scenario, given)
-        return residuals @ residuals
-
-    def normal_equations(
-        self,
-        values_at: Callable[[Vector], Values],
-        z: Vector,
-        scenario: Scenario,
-        given: ControlLoop,
-        observed: object,
-    ) -> Float[Array, "q q"]:
-        """Return MᵀM of M = [J r], the residuals r and their derivatives J = ∂r/∂z at `values_at(z)`."""
-
-        def residuals(z: Vector) -> Float[Array, " time"]:
-            return self._residuals(values_at(z), scenario, given)
-
-        whole = jnp.column_stack([jax.jacfwd(residuals)(z), residuals(z)])
-        return whole.T @ whole
-
-    def _residuals(self, values: Values, scenario: Scenario, given: ControlLoop) -> Float[Array, " time"]:
-        loop = with_leaves(given, {**scenario.numbers, **values})
-        return closed_loop.residuals(loop, key=scenario.key, substeps=self.substeps)
-
-
-AnyProblem = Problem | ControlProblem
-
-
-def problem_of(study: Study, varied: tuple[str, ...] = ()) -> AnyProblem:
-    """Return the problem that a study poses."""
-    if isinstance(study, DampingStudy):
-        return ControlProblem(study, varied)
-    assert isinstance(study, EstimationStudy)
-    return Problem(study, varied)
+    make = kind_named(study.kind).problem
+    assert make is not None, study.kind
+    return make.load()(study, varied)

@@ -1,4 +1,4 @@
-"""One recording: simulated from a study, or estimated from a file."""
+"""One scenario of a study, simulated again."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import jax
 import numpy as np
 
 from tuning.files.errors import input_error
-from tuning.problem.interface import ControlProblem, problem_of
-from tuning.problem.scenarios import Problem, Scenario, Stream, draw_scenarios
-from tuning.study.loading import DampingStudy, EstimationStudy, Study, with_numbers
-from vsajax.closed_loop import Exchange
+from tuning.problem.interface import Scenario, Stream, problem_of
+from tuning.problem.scenarios import draw_scenarios
+from tuning.study.base import Study
+from tuning.study.loading import with_numbers
 
 
 def member(study: Study, scenario: int) -> Study:
@@ -26,31 +26,8 @@ def replay_stream(study: Study) -> Stream:
     return "population" if study.population.paths else "train"
 
 
-def simulate_recording(study: EstimationStudy, scenario: int) -> tuple[dict[str, np.ndarray], int]:
-    """Return the columns of a simulated recording with its truth, and the integration steps a sample.
-
-    Args:
-        study: what is simulated.
-        scenario: number of the robot in the population, or of the noise draw in the training stream.
-
-    Raises:
-        InputError: the motion is not finite.
-    """
-    problem = Problem(study)
-    drawn = _replayed(study, scenario)
-    truth, recording = problem.record(drawn, problem.given)
-    signals = {name: value for name, value in recording._asdict().items() if value is not None}
-    signals |= {
-        "true_stiffness": truth.motion.stiffness,
-        "true_elastic_torque": truth.motion.elastic_torque,
-    }
-    columns = {name: np.asarray(value) for name, value in signals.items()}
-    _check_finite(columns, "joint", "check its springs, inertias and excitation")
-    return columns, problem.substeps
-
-
-def simulate_swing(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
-    """Return the columns of a simulated closed loop, and the integration steps a sample.
+def simulate(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
+    """Return the signals of a simulated scenario with its truth, and the integration steps a sample.
 
     Args:
         study: what is simulated.
@@ -60,36 +37,18 @@ def simulate_swing(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], 
         InputError: the motion is not finite.
     """
     problem = problem_of(study)
-    assert isinstance(problem, ControlProblem)
-    drawn = _replayed(study, scenario)
-    motion = problem.motion(drawn, problem.given)
-    columns = {
-        "time": motion.time,
-        "link_position": motion.positions[0],
-        "link_velocity": motion.velocities[0],
-        "motor_position": motion.motor_positions[0],
-        "true_stiffness": motion.stiffness[0],
-        "commanded_stiffness": motion.commanded[0],
-    }
-    found = {name: np.asarray(values) for name, values in columns.items()}
-    _check_finite(found, "controller", "check its gains, or set `substeps`")
-    return found, problem.substeps
+    signals = problem.columns(replayed(study, scenario), problem.given)
+    columns = {name: np.asarray(values) for name, values in signals.items()}
+    require_finite(columns, *problem.if_not_finite)
+    return columns, problem.substeps
 
 
-def simulate_exchange(study: DampingStudy, scenario: int) -> Exchange:
-    """Return what the controller was told in the loop that `simulate_swing` runs, and what it answered."""
-    problem = ControlProblem(study)
-    drawn = _replayed(study, scenario)
-    exchange = problem.exchange(drawn, problem.given)
-    _check_finite(exchange, "controller", "check its gains, or set `substeps`")
-    return exchange
-
-
-def _replayed(study: Study, scenario: int) -> Scenario:
+def replayed(study: Study, scenario: int) -> Scenario:
     """Return the scenario that a number names."""
     return jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
 
 
-def _check_finite(signals: Any, key: str, way_out: str) -> None:
+def require_finite(signals: Any, key: str, way_out: str) -> None:
+    """Refuse a simulation that is not finite: `key` names the table to look at."""
     if not all(np.isfinite(values).all() for values in jax.tree.leaves(signals)):
         raise input_error(key, "the simulated motion is not finite", way_out)

@@ -11,7 +11,8 @@ from tuning.report import tables
 from tuning.report.elements import Parts, say_difference, say_value, show_distributions, show_traces
 from tuning.report.gather import FinishedRun, contender_file
 from tuning.report.pictures.scores import short_paths
-from tuning.study.loading import load_config, numeric_paths
+from tuning.study.loading import load_config
+from tuning.study.paths import numeric_paths
 from tuning.study.scores import unit_of
 
 _CONTENDERS = 6
@@ -79,4 +80,4 @@ def _tuned_rows(run: FinishedRun) -> list[list[object]]:
 def _comparison_pictures(run: FinishedRun) -> Iterator[Picture]:
     yield show_distributions(run.contestants, run.objective)
     for one in run.contestants[:_CONTENDERS]:
-        yield from show_traces(run, one, f"True and estimated stiffness: {one.name}")
+        yield from show_traces(run, one, f": {one.name}")

@@ -16,7 +16,7 @@ from tuning.report.gather import Contestant, FinishedRun, is_paired, short_names
 from tuning.report.pictures import scores as pictures
 from tuning.report.population import describe_population
 from tuning.report.searches import describe_sweep, describe_tuning
-from tuning.study.loading import to_toml
+from tuning.study.base import to_toml
 from tuning.study.scores import title_of
 
 _DESCRIBE = {
@@ -111,6 +111,6 @@ def _pair_pictures(runs: dict[str, FinishedRun], a: Contestant, b: Contestant, *
             f"{b.name} is better in {int(np.sum(second < first))}.",
         )
     for run, one in zip(runs.values(), (a, b), strict=True):
-        yield from show_traces(run, one, f"True and estimated stiffness: {one.name}")
+        yield from show_traces(run, one, f": {one.name}")
     if "convergence_time" in a.scores and "convergence_time" in b.scores:
         yield replace(show_distributions([a, b], "convergence_time"), title="Convergence times over each other")

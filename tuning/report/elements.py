@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tuning.kinds.damping.traces import show_swings
-from tuning.kinds.estimation.traces import Replay, replay
 from tuning.pictures.page import Picture, Table, number, signed
+from tuning.problem.interface import Stream
 from tuning.report import tables
 from tuning.report.gather import Contestant, FinishedRun
 from tuning.report.pictures import scores as pictures
 from tuning.report.pictures.populations import draw_numbers
-from tuning.study.loading import DampingStudy, EstimationStudy
+from tuning.study.base import Study
+from tuning.study.kinds import kind_named
 from tuning.study.scores import SCORES, title_of, unit_of
 
 SHOWN = 32
 """Scenarios in a band over time."""
 _LINES = 30
-_STREAMS = {"population": "robots of the population", "held_out": "held-out noise draws"}
 
 
 @dataclass(frozen=True)
@@ -73,30 +72,20 @@ def medians_of(groups: dict[str, np.ndarray]) -> str:
     return ", ".join(f"{name} ({values.size}) {middle(values)}" for name, values in groups.items())
 
 
-def show_band(traces: Replay, title: str, run: FinishedRun) -> Picture:
-    """Show true and estimated stiffness over time."""
-    truth = pictures.quantiles(traces.truth)[1]
-    estimate = np.where(traces.known, traces.estimate, np.nan)[:, -1]
-    end = float(np.median(estimate[np.isfinite(estimate)])) if np.isfinite(estimate).any() else np.nan
-    low, high = number(float(np.nanmin(truth))), number(float(np.nanmax(truth)))
-    return Picture(
-        title,
-        pictures.draw_band(traces),
-        f"{len(traces.time)} {_STREAMS[run.stream]}, simulated again for this report; "
-        "bands hold 90 % of them. Grey: not known in most of them.",
-        f"Stiffness over {number(float(traces.time.max()))} s. True median: {low} to {high} N·m/rad; "
-        f"true at the end {number(float(truth[-1]))}, estimated {number(end)}. Below, the relative error.",
-    )
-
-
-def show_traces(run: FinishedRun, one: Contestant, title: str) -> Iterator[Picture]:
-    """Show the same of a contestant, simulated again; nothing where its study is not known."""
+def show_traces(run: FinishedRun, one: Contestant, of: str) -> Iterator[Picture]:
+    """Show scenarios of a contestant over time, simulated again; nothing where its study is not known."""
     if one.study is not None:
         count = SHOWN if run.command == "montecarlo" else min(SHOWN, one.study.scenarios.held_out)
-        if isinstance(one.study, DampingStudy):
-            yield show_swings(one.study, run.stream, range(count), f"Coming to rest: {one.name}")
-        elif isinstance(one.study, EstimationStudy):
-            yield show_band(replay(one.study, run.stream, range(count)), title, run)
+        yield from show_over_time(one.study, run.stream, range(count), of=of)
+
+
+def show_over_time(
+    study: Study, stream: Stream, shown: Sequence[int], *, of: str = "", cases: Mapping[int, str] | None = None
+) -> Iterator[Picture]:
+    """Show scenarios of a study over time, as its kind does; nothing where that has nothing to show."""
+    traces = kind_named(study.kind).traces
+    if traces is not None:
+        yield from traces.load()(study, stream, shown, of=of, cases=cases or {})
 
 
 def show_distributions(contestants: list[Contestant], metric: str) -> Picture:

@@ -13,24 +13,17 @@ import numpy as np
 
 from tuning.files.errors import InputError, input_error
 from tuning.files.seal import SEALED, breaks_seal
-from tuning.problem.interface import problem_of
-from tuning.problem.scenarios import Status, Stream
+from tuning.problem.interface import Status, Stream, problem_of
 from tuning.runs.folder import columns_of, is_file, read_manifest, read_results, read_table
 from tuning.scoring.comparison import contenders
 from tuning.scoring.grid import Grid
 from tuning.scoring.montecarlo import MonteCarlo
 from tuning.scoring.summary import Columns, Influence, Interval, Summary, summarise
 from tuning.scoring.sweep import GridSweep, Value, rank
+from tuning.study.base import Study, study_hash
 from tuning.study.inputs import check_inputs
-from tuning.study.loading import (
-    Study,
-    load_config,
-    load_study,
-    numeric_paths,
-    parse_study,
-    study_hash,
-    with_numbers,
-)
+from tuning.study.loading import load_config, load_study, parse_study, with_numbers
+from tuning.study.paths import numeric_paths
 from tuning.study.scores import SCORES
 
 COMMANDS = ("montecarlo", "sweep", "tune", "compare", "contest")

@@ -8,18 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from tuning.kinds.damping.traces import show_swings
-from tuning.kinds.estimation.traces import replay
 from tuning.pictures.page import Picture, number
-from tuning.problem.scenarios import Status
+from tuning.problem.interface import Status
 from tuning.report import tables
-from tuning.report.elements import SHOWN, Parts, medians_of, show_band, show_causes
+from tuning.report.elements import SHOWN, Parts, medians_of, show_causes, show_over_time
 from tuning.report.gather import FinishedRun
 from tuning.report.pictures import scores as pictures
 from tuning.report.pictures.populations import draw_influences, draw_spread
 from tuning.report.pictures.scores import short_paths, short_rows
 from tuning.scoring.summary import has_failed
-from tuning.study.loading import DampingStudy, EstimationStudy
 from tuning.study.scores import title_of, unit_of
 
 
@@ -58,20 +55,8 @@ def _population_pictures(run: FinishedRun) -> Iterator[Picture]:
     columns, counted = run.columns, run.columns["status"] == Status.OK
     shown = min(SHOWN, counted.size)
     titles = [_case_title(columns, scenario, objective) for scenario in summary.worst]
-    if isinstance(run.study, DampingStudy):
-        yield show_swings(run.study, run.stream, range(shown), "Coming to rest")
-        if summary.worst:
-            yield show_swings(run.study, run.stream, summary.worst, f"The worst robots: {'; '.join(titles)}")
-    elif isinstance(run.study, EstimationStudy):
-        traces = replay(run.study, run.stream, [*range(shown), *summary.worst])
-        yield show_band(traces.part(slice(0, shown)), "True and estimated stiffness", run)
-        if summary.worst:
-            yield Picture(
-                "The worst robots",
-                pictures.draw_cases(traces.part(slice(shown, None)), titles),
-                f"The {len(titles)} robots with the largest {objective}, over time; grey: not known.",
-                f"Stiffness over time, one panel each: {'; '.join(titles)}.",
-            )
+    cases = dict(zip(summary.worst, titles, strict=True))
+    yield from show_over_time(run.study, run.stream, range(shown), cases=cases)
     rows = {name: values[counted] for name, values in columns.items()}
     q = summary.quantiles[objective]
     yield Picture(

@@ -63,7 +63,7 @@ def _sweep_pictures(run: FinishedRun) -> Iterator[Picture]:
     axes = dict(zip(names, run.axes.values(), strict=True))
     rows: list[dict[str, Any]] = [renamed(row, list(run.axes), names) for row in ranking]
     best = ", ".join(f"{name} = {valued(rows[0][name])}" for name in names)
-    yield from show_traces(run, run.best, "True and estimated stiffness of the best configuration")
+    yield from show_traces(run, run.best, " of the best configuration")
     wide = [name for name in names if len(axes[name]) > 1]
     if len(wide) < 2:
         yield Picture(
@@ -150,8 +150,8 @@ def _numbers_of(run: FinishedRun, tried: list[dict[str, Any]]) -> list[str]:
 def _tune_pictures(run: FinishedRun) -> Iterator[Picture]:
     before, after = run.contestants
     objective = run.objective
-    yield from show_traces(run, after, "True and estimated stiffness, tuned")
-    yield from show_traces(run, before, "True and estimated stiffness before")
+    yield from show_traces(run, after, ", tuned")
+    yield from show_traces(run, before, " before")
     yield show_distributions(run.contestants, objective)
     tried = _tried(run)
     paths = _numbers_of(run, tried) if tried else []

@@ -15,7 +15,7 @@ from tuning.report.pictures.scores import short_paths
 from tuning.report.pictures.searches import NEAR
 from tuning.scoring.intervals import interval, paired_interval
 from tuning.scoring.summary import Interval, Summary
-from tuning.study.loading import resolved
+from tuning.study.base import resolved
 from tuning.study.scores import SCORES, title_of
 from tuning.study.statistic import Statistic
 

@@ -43,7 +43,7 @@ from tuning.files.seal import (
     seal_tables,
     sealed,
 )
-from tuning.study.loading import Study, hash_resolved, resolved, study_hash
+from tuning.study.base import Study, hash_resolved, resolved, study_hash
 from tuning.files.whole import write_tables, write_text
 
 import itertools

@@ -14,7 +14,8 @@ from tuning.problem.interface import problem_of
 from tuning.runs.folder import open_run
 from tuning.scoring.grid import Grid
 from tuning.scoring.intervals import Judgement, equal_to_rounding, judge, paired_interval
-from tuning.study.loading import Base, Study, parse_study, resolved, study_hash
+from tuning.study.base import Base, Study, resolved, study_hash
+from tuning.study.loading import parse_study
 from tuning.terminal.progress import progress
 
 

@@ -17,16 +17,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.problem.interface import AnyProblem
-from tuning.problem.scenarios import Scenario, Stream, draw_scenarios
-from tuning.study.ranges import is_torque_only
+from tuning.problem.interface import Problem, Scenario, Stream
+from tuning.problem.scenarios import draw_scenarios
+from tuning.study.ranges import Reach
 from vsajax import rollout
 
 _WIDTH = 256
 """Lanes times inner points evaluated at a time on a device; wider falls out of the cache."""
 
 
-def lane_program(problem: AnyProblem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
+def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
     """Return the jitted (lanes, given) -> scores `(lane, *inner axes, scenario)`.
 
     A lane is the values of the `outer` paths, a tuple of values of each of the `inner` paths, and its scenarios;
@@ -38,7 +38,7 @@ def lane_program(problem: AnyProblem, outer: tuple[str, ...], inner: tuple[str, 
         fixed = {path: values[i] for i, path in enumerate(outer)}
 
         def score(chosen: tuple[jax.Array, ...], scenario: Scenario) -> Any:
-            return problem.scores(fixed | dict(zip(inner, chosen, strict=True)), scenario, given)
+            return problem.outcome(fixed | dict(zip(inner, chosen, strict=True)), scenario, given).scores
 
         run = jax.vmap(score, in_axes=(None, 0))
         for axis in reversed(range(len(inner))):
@@ -60,7 +60,7 @@ class Grid:
         stream: where they are drawn from.
     """
 
-    problem: AnyProblem
+    problem: Problem
     axes: Mapping[str, Sequence[float]]
     scenarios: int
     stream: Stream = "train"
@@ -68,12 +68,12 @@ class Grid:
     @cached_property
     def inner(self) -> tuple[str, ...]:
         """Axes that share the covariance."""
-        return tuple(path for path in self.axes if is_torque_only(path))
+        return tuple(path for path in self.axes if Reach.REGRESSORS not in self.problem.study.reach(path))
 
     @cached_property
     def outer(self) -> tuple[str, ...]:
         """Axes that make the lanes."""
-        return tuple(path for path in self.axes if not is_torque_only(path))
+        return tuple(path for path in self.axes if path not in self.inner)
 
     @property
     def configurations(self) -> int:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import scipy
 
-from tuning.study.loading import Tune
+from tuning.study.base import Tune
 from tuning.study.scores import time_of
 from tuning.study.statistic import Statistic
 

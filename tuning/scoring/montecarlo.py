@@ -19,13 +19,14 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from tuning.problem.interface import AnyProblem, problem_of
-from tuning.problem.scenarios import Outcome, Scenario, draw_scenarios, stream_key
+from tuning.problem.interface import Outcome, Problem, Scenario, problem_of
+from tuning.problem.scenarios import draw_scenarios, stream_key
 from tuning.runs.executors import Executor, complete
 from tuning.runs.folder import RunStore, columns_of, open_run, read_table
 from tuning.scoring.remedies import TARGET
 from tuning.scoring.summary import Columns, Summary, quantile, summarise
-from tuning.study.loading import Study, numeric_paths
+from tuning.study.base import Study
+from tuning.study.paths import numeric_paths
 from vsajax import rollout
 
 _STEPS_PER_CHUNK = 4.0e7
@@ -61,7 +62,7 @@ class MonteCarlo:
         return {"scenarios": self.scenarios, "rows": self.rows}
 
     @cached_property
-    def problem(self) -> AnyProblem:
+    def problem(self) -> Problem:
         """The study's problem."""
         return problem_of(self.study)
 

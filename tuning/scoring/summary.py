@@ -20,7 +20,7 @@ import scipy
 
 from tuning.files.seal import seal_tables
 from tuning.files.whole import write_text
-from tuning.problem.scenarios import Status
+from tuning.problem.interface import Status
 from tuning.scoring.remedies import TARGET, Remedy, advise, find_remedy
 from tuning.study.population import Population, parse_failure
 from tuning.study.scores import SCORES, unit_of

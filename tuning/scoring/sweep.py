@@ -19,17 +19,11 @@ from tuning.problem.interface import problem_of
 from tuning.runs.executors import Executor, Inline, complete
 from tuning.runs.folder import RunStore, open_run, read_table, versions
 from tuning.scoring.grid import Grid
+from tuning.study.base import Study, resolved, study_hash, to_toml
 from tuning.study.choices import Setting, options_of
-from tuning.study.loading import (
-    Study,
-    grid_structures,
-    numeric_paths,
-    resolved,
-    structural_paths,
-    study_hash,
-    to_toml,
-    with_numbers,
-)
+from tuning.study.loading import with_numbers
+from tuning.study.paths import numeric_paths, structural_paths
+from tuning.study.structures import grid_structures
 
 Value = float | Setting
 """Of an axis."""

@@ -23,8 +23,9 @@ from tuning.files.errors import input_error
 from tuning.runs.folder import open_run
 from tuning.runs.journal import Journal, open_journal
 from tuning.search.refine import Search, Tuned, nothing_to_tune, write_best
+from tuning.study.base import Study
 from tuning.study.choices import Chosen
-from tuning.study.loading import Study, structures
+from tuning.study.structures import structures
 from tuning.terminal.progress import progress
 
 BlackBoxMethod = Literal["tpe", "cmaes", "pareto"]

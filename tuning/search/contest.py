@@ -16,8 +16,10 @@ from tuning.runs.folder import open_run
 from tuning.scoring.comparison import Contender, compare, contenders
 from tuning.search.blackbox import BlackBox, explore
 from tuning.search.refine import Search
+from tuning.study.base import Study, resolved, to_toml
 from tuning.study.choices import Chosen
-from tuning.study.loading import Study, load_config, resolved, structures, to_toml
+from tuning.study.loading import load_config
+from tuning.study.structures import structures
 
 Method = Literal["cmaes", "tpe"]
 

@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from tuning.problem.interface import AnyProblem
-from tuning.problem.scenarios import Problem, Scenario
+from tuning.problem.interface import Differentiable, Scenario
 from tuning.search.descent import Algorithm, Descended, descent, ending
 from tuning.search.space import Space, Vector
+from tuning.study.ranges import Reach
 from vsajax import experiment, rollout
 
 LANES_PER_CHUNK = 128
@@ -58,7 +58,7 @@ class GradientTuner:
         max_steps: of the optimiser, per start.
     """
 
-    problem: AnyProblem
+    problem: Differentiable
     space: Space
     scenarios: Scenario
     algorithm: Algorithm = "levenberg-marquardt"
@@ -67,10 +67,9 @@ class GradientTuner:
     @cached_property
     def observed(self) -> experiment.Observed | None:
         """What is recorded in every scenario; `None` where the tuned numbers change it."""
-        if any(not path.startswith("estimator.") for path in self.space.paths):
-            return None
         problem = self.problem
-        assert isinstance(problem, Problem)
+        if any(Reach.RECORDING in problem.study.reach(path) for path in self.space.paths):
+            return None
         observe = jax.jit(
             lambda lanes, given: rollout.map_lanes(lambda s, g: problem.observe({}, s, g), lanes, given)
         )

@@ -17,15 +17,17 @@ import numpy as np
 
 from tuning.files.errors import InputError, input_error
 from tuning.files.whole import write_text
-from tuning.problem.interface import AnyProblem, problem_of
-from tuning.problem.scenarios import Scenario, Stream, draw_scenarios
+from tuning.problem.interface import Differentiable, Problem, Scenario, Stream, problem_of
+from tuning.problem.scenarios import draw_scenarios
 from tuning.runs.folder import open_run, versions
 from tuning.scoring.grid import Grid, lane_program
 from tuning.scoring.intervals import Judgement, judge
 from tuning.search.descent import Algorithm
 from tuning.search.least_squares import GradientTuner, Outcome
 from tuning.search.space import Space
-from tuning.study.loading import DampingStudy, Study, numeric_paths, resolved, study_hash, to_toml, with_numbers
+from tuning.study.base import Study, resolved, study_hash, to_toml
+from tuning.study.loading import with_numbers
+from tuning.study.paths import numeric_paths
 from tuning.terminal.progress import progress
 from vsajax import Scores
 
@@ -82,7 +84,7 @@ class Search:
         return Space.of(self.study.tune.parameters)
 
     @cached_property
-    def problem(self) -> AnyProblem:
+    def problem(self) -> Problem:
         """The study's problem."""
         return problem_of(self.study, self.paths)
 
@@ -105,6 +107,7 @@ class Search:
     @cached_property
     def tuner(self) -> GradientTuner:
         """The gradient tuner on the training scenarios."""
+        assert isinstance(self.problem, Differentiable)
         return GradientTuner(self.problem, self.space, self.scenarios, self.algorithm, self.study.tune.max_steps)
 
     @cached_property
@@ -209,21 +212,10 @@ def plan_search(study: Study, method: Method, algorithm: Algorithm, place: str) 
         )
     if not study.tune.parameters:
         raise nothing_to_tune(place)
-    if method != "grid" and isinstance(study, DampingStudy):
-        _check_derivatives(study, method, place)
+    obstacle = None if method == "grid" else study.no_gradient(place, method)
+    if obstacle is not None:
+        raise InputError(obstacle)
     return Search(study, method, algorithm)
-
-
-def _check_derivatives(study: DampingStudy, method: Method, place: str) -> None:
-    fix = "use --method grid, tpe or cmaes"
-    if study.tune.objective != "log_energy":
-        problem = f"got {study.tune.objective!r}, a staircase, for --method {method}"
-        raise input_error(f"{place}: tune.objective", problem, f'set it to "log_energy", or {fix}')
-    own = study.controller
-    path, chosen = ("controller.stiffness", own.stiffness) if own.type == "combined" else ("controller", own)
-    if chosen.type == "switch":
-        problem = f"got 'switch', whose score jumps, for --method {method}"
-        raise input_error(f"{place}: {path}.type", problem, f'set it to "smooth", or {fix}')
 
 
 def nothing_to_tune(place: str) -> InputError:

@@ -13,8 +13,9 @@ from typing import Any
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.seal import hash_bytes
 from tuning.files.toml import Table
-from tuning.study.loading import Study, structures
+from tuning.study.base import Study
 from tuning.study.parts.base import Part
+from tuning.study.structures import structures
 
 _READ = 1 << 20
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import re
 from typing import Annotated, Any, Literal, Self
 
@@ -16,14 +17,22 @@ _SWITCHES = {"true": True, "false": False}
 _WORD = re.compile(r"[A-Za-z_][^(),=\s]*")
 _RANGE = re.compile(r"^(log|lin|linear)\(([^,]+),([^,]+),([^,]+)\)$")
 
-_TORQUE_ONLY = re.compile(
-    r"estimator\.((side|other)\.)?torque\.|sensing\.(motor_torque|motor1_torque|motor2_torque|elastic_torque)\."
-)
+
+class Reach(enum.Flag):
+    """What a number changes at most."""
+
+    TORQUE = enum.auto()
+    """The torque signal that is explained."""
+    REGRESSORS = enum.auto()
+    """What explains it: where no number changes them, their covariance is shared by every value."""
+    RECORDING = enum.auto()
+    """What is measured and held against the estimate."""
+    MOTION = enum.auto()
+    """What moves: where no number changes it, the motion is simulated once."""
 
 
-def is_torque_only(path: str) -> bool:
-    """Return whether a number touches the torque signal alone, never the regressors."""
-    return _TORQUE_ONLY.match(path) is not None
+EVERYTHING = Reach.TORQUE | Reach.REGRESSORS | Reach.RECORDING | Reach.MOTION
+"""What a number reaches of which nothing is known: that is slow, and never wrong."""
 
 
 class Bounds(Table):

@@ -14,7 +14,7 @@ from tuning.files.errors import InputError
 from tuning.files.shipped import CONFIGS
 from tuning.files.toml import read_toml, validate
 from tuning.kinds.arm.robots import build_arm
-from tuning.kinds.arm.study import Arm
+from tuning.kinds.arm.tables import Arm
 from tuning.papers.cartesian.self_motion import Lengths, scan
 
 GOLDEN = Path(__file__).parents[2] / "golden"

@@ -12,8 +12,7 @@ from tuning.files.whole import write_table
 from tuning.logs.signal_map import signals_of
 
 COMPUTES = (
-    "tuning.problem.replay.simulate_recording",
-    "tuning.problem.replay.simulate_swing",
+    "tuning.problem.replay.simulate",
     "tuning.kinds.log.answer.estimate_recording",
     "tuning.scoring.sweep.GridSweep.open",
     "tuning.scoring.sweep.GridSweep.forecast",

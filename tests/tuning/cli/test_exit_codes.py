@@ -10,8 +10,8 @@ from tests.tuning.builders import SERIAL
 from tuning import papers
 from tuning.exports import export as exporting
 from tuning.exports.recheck import Exported
-from tuning.kinds.log import answer as single
 from tuning.papers import Report, Row
+from tuning.problem import replay
 
 
 def raising(error: BaseException):
@@ -54,7 +54,7 @@ def test_an_export_that_does_not_hold_ends_with_1(vsajax, monkeypatch, tmp_path)
 
 @pytest.mark.cli
 def test_an_interruption_ends_with_3_and_says_how_to_go_on(vsajax, monkeypatch, tmp_path):
-    monkeypatch.setattr(single, "simulate_recording", raising(KeyboardInterrupt()))
+    monkeypatch.setattr(replay, "simulate", raising(KeyboardInterrupt()))
     ended = vsajax("simulate", SERIAL, "-o", tmp_path / "r.csv")
     assert (ended.code, ended.out) == (3, "")
     assert "interrupted" in ended.err
@@ -63,10 +63,10 @@ def test_an_interruption_ends_with_3_and_says_how_to_go_on(vsajax, monkeypatch, 
 
 @pytest.mark.cli
 def test_a_joint_that_diverges_is_the_users_to_mend_and_a_defect_is_not(vsajax, monkeypatch, tmp_path):
-    monkeypatch.setattr(single, "simulate_recording", raising(FloatingPointError("the simulated joint diverges")))
+    monkeypatch.setattr(replay, "simulate", raising(FloatingPointError("the simulated joint diverges")))
     ended = vsajax("simulate", SERIAL, "-o", tmp_path / "r.csv")
     assert (ended.code, ended.out) == (2, "")
     assert "error: the simulated joint diverges" in ended.err
-    monkeypatch.setattr(single, "simulate_recording", raising(RuntimeError("a defect of ours")))
+    monkeypatch.setattr(replay, "simulate", raising(RuntimeError("a defect of ours")))
     with pytest.raises(RuntimeError, match="a defect of ours"):
         vsajax("simulate", SERIAL, "-o", tmp_path / "r.csv")

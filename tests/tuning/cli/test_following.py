@@ -16,7 +16,8 @@ from tuning.cli.main import cli
 from tuning.files.shipped import shipped_files
 from tuning.papers import Report, Row
 from tuning.scoring.sweep import GridSweep, write_winner
-from tuning.study.loading import load_study, resolved, to_toml
+from tuning.study.base import resolved, to_toml
+from tuning.study.loading import load_study
 from tuning.terminal.following import fresh, sentence, words
 from tuning.terminal.options import emit
 

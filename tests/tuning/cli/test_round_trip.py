@@ -17,7 +17,8 @@ from tuning.logs.columns import read_log_file
 from tuning.scoring.intervals import judge
 from tuning.scoring.sweep import Forecast, GridSweep
 from tuning.search.refine import Search
-from tuning.study.loading import Tune, load_config, load_study, resolved, study_hash, to_toml
+from tuning.study.base import Tune, resolved, study_hash, to_toml
+from tuning.study.loading import load_config, load_study
 from vsajax import Scores
 
 KINDS = sorted(path.stem for path in (CONFIGS / "studies").glob("*.toml"))

@@ -6,8 +6,7 @@ import functools
 
 from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, SERIAL, SMALL, TINY
 from tuning.exports.artefact import Subject
-from tuning.exports.configs import load_exportable
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import load_deployable
 from tuning.exports.export import subject_of
 from tuning.files.shipped import CONFIGS
 
@@ -28,4 +27,4 @@ FAMILIES = {
 def subject(family: str) -> Subject:
     """Return what is exported of a family; traced and simulated once."""
     path, settings, seconds = FAMILIES[family]
-    return subject_of(deployable_of(load_exportable(path, settings), str(path)), path, seconds=seconds)
+    return subject_of(load_deployable(path, settings), path, seconds=seconds)

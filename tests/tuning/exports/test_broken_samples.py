@@ -8,8 +8,7 @@ import pytest
 
 from tests.tuning.exports.native import needs_compiler, replay
 from tuning.exports.checks.checking import deviation
-from tuning.exports.configs import load_exportable
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import load_deployable
 from tuning.exports.golden import Golden, answers, assembled, by_name
 from tuning.files.shipped import CONFIGS
 
@@ -33,7 +32,7 @@ SECONDS = 2.6
 )
 def test_a_hundred_broken_samples_leave_no_trace_of_themselves(name, tmp_path):
     file, settings = EXPORTS[name]
-    deployable = deployable_of(load_exportable(CONFIGS / file, settings=settings), str(CONFIGS / file))
+    deployable = load_deployable(CONFIGS / file, settings=settings)
     program = deployable.program()
     columns, _ = deployable.simulate(SECONDS)
     if "deflection" in program.inputs.names:

@@ -10,13 +10,15 @@ import pytest
 
 from tests.tuning.exports.native import answers_of, needs_compiler, replay
 from tuning.exports.checks.checking import deviation
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import deployable_of
 from tuning.exports.golden import make_golden
 from tuning.exports.ranges import Range, range_of
 from tuning.files.shipped import CONFIGS
 from tuning.files.toml import read_toml
-from tuning.problem.replay import simulate_exchange
-from tuning.study.loading import DampingStudy, load_config, parse_study, resolved, study_hash
+from tuning.kinds.damping.problem import simulate_exchange
+from tuning.kinds.damping.study import DampingStudy
+from tuning.study.base import resolved, study_hash
+from tuning.study.loading import load_config, parse_study
 from vsajax import Guarded, Sample
 
 DAMPING = CONFIGS / "studies" / "damping.toml"

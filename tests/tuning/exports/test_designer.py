@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.tuning.exports.native import needs_compiler
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import deployable_of
 from tuning.exports.golden import assembled
 from tuning.exports.ranges import Range
 from tuning.files.shipped import CONFIGS

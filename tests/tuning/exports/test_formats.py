@@ -13,7 +13,8 @@ import pytest
 from tests.tuning.builders import ANTAGONISTIC, RESIDUAL_PAIR, SERIAL, SMALL, TINY
 from tests.tuning.exports.native import needs_compiler
 from tuning.files.shipped import CONFIGS
-from tuning.study.loading import Config, load_config, resolved, study_hash
+from tuning.study.base import Config, resolved, study_hash
+from tuning.study.loading import load_config
 
 TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]
 SET = [word for setting in (*SMALL, *TINY) for word in ("--set", setting)]

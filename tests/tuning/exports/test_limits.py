@@ -13,7 +13,7 @@ import pytest
 from tests.tuning.exports.native import STRICT, needs_compiler
 from tuning.exports.c99.files import write
 from tuning.exports.c99.generate import generate, member
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import deployable_of
 from tuning.exports.program import StepProgram
 from tuning.exports.ranges import Range
 from tuning.files.shipped import CONFIGS

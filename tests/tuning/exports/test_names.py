@@ -19,8 +19,7 @@ import yaml
 
 from tests.tuning.exports.native import needs_compiler
 from tuning.exports.artefact import Artefact, Subject
-from tuning.exports.configs import load_exportable
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import load_deployable
 from tuning.exports.escaping import comment_of_c, string_of_c, text_of_markdown, text_of_xml
 from tuning.exports.export import banner_of
 from tuning.exports.formats import fmi
@@ -114,7 +113,7 @@ def test_texts_lose_what_a_format_would_read():
 @pytest.fixture(scope="module")
 def sensor():
     """Return what is exported and its program, traced once; the tables below give it other names."""
-    deployable = deployable_of(load_exportable(SENSOR, ()), str(SENSOR))
+    deployable = load_deployable(SENSOR)
     program = deployable.program()
     assert (program.name, program.title) == ("sea_sensor", f"sea-sensor: {deployable.title}")
     return deployable, program

@@ -14,8 +14,7 @@ from tests.tuning.builders import RESIDUAL_PAIR, SERIAL
 from tests.tuning.exports.native import STRICT, needs_compiler
 from tuning.exports.c99.files import write
 from tuning.exports.c99.generate import generate, member
-from tuning.exports.configs import load_exportable
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import load_deployable
 from tuning.exports.layout import dotted
 from tuning.files.shipped import CONFIGS
 
@@ -130,7 +129,7 @@ def source_of(deployable, program) -> str:
 @pytest.mark.failure
 @pytest.mark.parametrize("name", EXPORTS)
 def test_random_parameters_are_refused_or_give_sane_answers(name, tmp_path):
-    deployable = deployable_of(load_exportable(EXPORTS[name], ()), str(EXPORTS[name]))
+    deployable = load_deployable(EXPORTS[name])
     program = deployable.program()
     source = write(program, generate(program), banner="a test")
     (tmp_path / f"{source.name}.h").write_text(source.header, encoding="utf-8")

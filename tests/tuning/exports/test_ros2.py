@@ -6,8 +6,7 @@ import pytest
 import yaml
 
 from tests.tuning.exports.families import FAMILIES, subject
-from tuning.exports.configs import load_exportable
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import load_deployable
 from tuning.exports.formats.ros2 import write_ros2
 
 KEYWORDS = {
@@ -60,12 +59,11 @@ def test_declarations_can_stand_in_generated_code(family):
 @pytest.mark.contract
 def test_an_arm_of_a_urdf_names_its_joints(request):
     panda = request.config.rootpath / "tests" / "golden" / "panda" / "panda.urdf"
-    study = panda.parent / "study.toml"
     settings = [f"arm={{urdf='{panda}', tip='panda_hand_tcp'}}", "joints={lower=50.0, upper=500.0}"]
     path, *_ = FAMILIES["arm"]
-    deployable = deployable_of(load_exportable(path, settings), str(study))
+    deployable = load_deployable(path, settings)
     assert deployable.joints == tuple(f"panda_joint{i + 1}" for i in range(7))
-    assert deployable_of(load_exportable(path), str(path)).joints == ()
+    assert load_deployable(path).joints == ()
 
 
 @pytest.mark.contract

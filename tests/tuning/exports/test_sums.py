@@ -13,7 +13,7 @@ from tests.tuning.exports.test_controllers import CONTROLLERS, study_of
 from tests.vsajax.estimators.registry import ESTIMATORS, full_recording
 from tuning.exports.c99.files import write
 from tuning.exports.c99.generate import generate, member
-from tuning.exports.deployables import deployable_of
+from tuning.exports.deployable import deployable_of
 from tuning.exports.layout import dotted
 from tuning.exports.program import program_of, slot_of
 from tuning.kinds.estimation.deployable import inputs_of, sample_of

@@ -12,12 +12,13 @@ import pytest
 
 from tests.tuning.logs.joints import STEP, recordings
 from tuning.files.shipped import CONFIGS
+from tuning.kinds.estimation.study import EstimationStudy
 from tuning.kinds.log.answer import Answer, estimate_recording
 from tuning.logs.analysis import Analysis, analyse
 from tuning.logs.reading import read_recording
 from tuning.logs.torques import Assumptions
-from tuning.problem.replay import simulate_recording
-from tuning.study.loading import EstimationStudy, load_study
+from tuning.problem.replay import simulate
+from tuning.study.loading import load_study
 
 Columns = dict[str, np.ndarray]
 NO_OFFSET = Assumptions(has_offset=False)
@@ -248,7 +249,7 @@ SIMULATED = {
 def _simulated(name: str, settings: tuple[str, ...], folder: Path, *, seed: int = 0, share: float = 1.0) -> Answer:
     study = load_study(CONFIGS / "studies" / f"{name}.toml", (*settings, f"seed={seed}"))
     assert isinstance(study, EstimationStudy)
-    columns, _ = simulate_recording(study, 0)
+    columns, _ = simulate(study, 0)
     cut = {signal: values[: int(share * len(values))] for signal, values in columns.items()}
     pq.write_table(pa.table(cut), folder / "log.parquet")
     return estimate_recording(study, read_recording(folder / "log.parquet", kind=study.kind))

@@ -30,11 +30,12 @@ def schema() -> Result:
 
 def read_back() -> Result:
     """See that what is read is what was exported."""
-    from tuning.exports.configs import parse_exportable
-    from tuning.study.loading import resolved, study_hash
+    from tuning.study.base import resolved, study_hash
+    from tuning.study.kinds import exported_files
+    from tuning.study.loading import parse
 
     found = tables()
-    config = parse_exportable(found, FILE.name)
+    config = parse(found, str(FILE), *exported_files())
     equal = resolved(config) == found and study_hash(config) == MANIFEST["study_hash"]
     return Result("read back", "passed" if equal else "failed", "equal" if equal else "what was read back DIFFERS")
 
@@ -46,11 +47,12 @@ def replay() -> Result:
     start_jax()
     import numpy as np
 
-    from tuning.exports.configs import parse_exportable
-    from tuning.exports.deployables import deployable_of
+    from tuning.exports.deployable import deployable_of
     from tuning.exports.golden import answers, assembled
+    from tuning.study.kinds import exported_files
+    from tuning.study.loading import parse
 
-    deployable = deployable_of(parse_exportable(tables(), FILE.name), FILE.name)
+    deployable = deployable_of(parse(tables(), str(FILE), *exported_files()), str(FILE))
     golden = read_golden()
     program = deployable.program()
     signals = assembled(program.inputs, golden.inputs)

@@ -9,7 +9,7 @@ from typing import Any
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.manifest import SHIPPED
 from tuning.files.errors import input_error
-from tuning.study.loading import resolved, to_toml
+from tuning.study.base import resolved, to_toml
 
 _USAGE = """```sh
 {command}

@@ -12,7 +12,7 @@ from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.golden import Columns, assembled
 from tuning.exports.layout import Path, dotted
 from tuning.exports.program import Slot
-from tuning.study.loading import resolved
+from tuning.study.base import resolved
 
 _USAGE = """```matlab
 s = load('{name}.mat');

@@ -69,8 +69,8 @@ def _percent(value: float | None) -> str:
 def stiffness(study: Path, folder: Path | None, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """Design joints and controller for the pose of STUDY; exit 1 where the pose allows no design that meets it."""
     loaded, problem = _open(study, settings, None, folder=folder)
-    from tuning.kinds.arm.chain import chain_of
     from tuning.kinds.arm.design import design_pose
+    from tuning.kinds.arm.kinematics import chain_of
     from tuning.kinds.arm.study import outside_of
 
     chain = chain_of(loaded.arm, str(study), study.parent)

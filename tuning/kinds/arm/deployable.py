@@ -15,6 +15,7 @@ from tuning.files.errors import input_error
 from tuning.kinds.arm.names import listed, numbered
 from tuning.kinds.arm.problem import ArmProblem, build_problem, pose_of
 from tuning.kinds.arm.study import ArmStudy
+from tuning.study.base import Base
 from tuning.study.parts.base import Part
 from vsajax.arms import task_scale
 from vsajax.control import ArmController, ArmReading
@@ -161,3 +162,9 @@ class DeployableDesigner(Deployable):
         rate = (len(poses) - 1) / time[-1]
         position = poses[last] + (3.0 * share**2 - 2.0 * share**3) * way
         return position, 6.0 * share * (1.0 - share) * way * rate
+
+
+def deployable_of(config: Base, place: str) -> DeployableDesigner:
+    """Return the designer of an arm's study; `place` is its file."""
+    assert isinstance(config, ArmStudy)
+    return DeployableDesigner(config, place)

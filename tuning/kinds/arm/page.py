@@ -11,7 +11,7 @@ from tuning.kinds.arm.poses import draw_poses
 from tuning.kinds.arm.run import ArmRun
 from tuning.kinds.arm.workspace import draw_workspace
 from tuning.pictures.page import Page, Picture, Table
-from tuning.study.loading import to_toml
+from tuning.study.base import to_toml
 
 
 def report_arm(run: ArmRun) -> Page:

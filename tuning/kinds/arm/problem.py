@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from tuning.files.errors import InputError
-from tuning.kinds.arm.chain import chain_of
+from tuning.kinds.arm.kinematics import chain_of
 from tuning.kinds.arm.robots import arm_of
 from tuning.kinds.arm.study import ArmStudy, check_joints
 from vsajax import rollout

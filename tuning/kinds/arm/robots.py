@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tuning.kinds.arm.chain import Chain, chain_of
-from tuning.kinds.arm.study import Arm
+from tuning.kinds.arm.chain import Chain
+from tuning.kinds.arm.kinematics import chain_of
+from tuning.kinds.arm.tables import Arm
 from vsajax.arms import SerialArm
 
 

@@ -16,7 +16,7 @@ from tuning.files.toml import validate
 from tuning.files.whole import write_text
 from tuning.kinds.arm.study import ArmStudy
 from tuning.runs.folder import columns_of, read_sealed, versions, write_sealed
-from tuning.study.loading import resolved, study_hash
+from tuning.study.base import resolved, study_hash
 
 _MANIFEST = "manifest.json"
 _KIND = "arm"

@@ -3,104 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from tuning.files.errors import InputError, Mistake, input_error
-from tuning.files.kinds import ARM_STUDY, require_kind
-from tuning.files.shipped import choose
-from tuning.files.tables import merge, with_settings
+from tuning.files.errors import InputError, Mistake
+from tuning.files.kinds import ARM_STUDY
 from tuning.files.text import Line
-from tuning.files.toml import Seed, Table, read_toml, validate
+from tuning.files.toml import Seed, Table
+from tuning.kinds.arm.chain import Chain
+from tuning.kinds.arm.kinematics import chain_of
 from tuning.kinds.arm.names import listed
+from tuning.kinds.arm.tables import FARTHEST_DEG, Arm, Pair, Vector3
+from tuning.study.base import Base
+from tuning.study.loading import load
 from tuning.study.parts.base import AtLeastOne, NonNegative, Positive
 
-if TYPE_CHECKING:
-    from tuning.kinds.arm.chain import Chain
-
-Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Numbers = Annotated[list[Positive], Field(min_length=1)]
 
-FARTHEST_DEG = 1e7
-"""Beyond it sines lose digits; no joint turns so far."""
 _ROUNDING = 1e-9
 """Of degrees turned into radians."""
-
-
-class Turn(Table):
-    """A turn about an axis of the frame so far."""
-
-    axis: Literal["x", "y", "z"]
-    degrees: float
-
-
-class Limited(Table):
-    """A joint's range."""
-
-    range_deg: Pair = Field(default_factory=lambda: [-180.0, 180.0])
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Limited:
-        if self.range_deg[0] >= self.range_deg[1]:
-            raise ValueError(f"range_deg must be low, then high; got {self.range_deg}")
-        if max(map(abs, self.range_deg)) > FARTHEST_DEG:
-            raise ValueError(f"range_deg must lie within ±{FARTHEST_DEG:g}; got {self.range_deg}")
-        return self
-
-
-class Joint(Limited):
-    """A revolute joint: where it is in the frame before, how it is turned, its axis."""
-
-    offset: Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
-    turns: list[Turn] = Field(default_factory=list)
-    axis: Vector3
-
-    @model_validator(mode="after")
-    def _has_direction(self) -> Joint:
-        if not 1e-6 <= math.hypot(*self.axis) <= 1e6:
-            raise ValueError(f"axis must be a direction, of a length between 1e-6 and 1e6; got {self.axis}")
-        return self
-
-
-class DhJoint(Limited):
-    """A joint by its Denavit–Hartenberg parameters."""
-
-    a: float = 0.0
-    alpha_deg: float = 0.0
-    d: float = 0.0
-    theta_deg: float = 0.0
-
-
-class Tool(Table):
-    """The hand in the last frame."""
-
-    offset: Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
-    turns: list[Turn] = Field(default_factory=list)
-
-
-class Arm(Table):
-    """An arm, by one of: a URDF file and the tip's link, joints one by one, Denavit–Hartenberg parameters."""
-
-    urdf: Line | None = None
-    base: Line | None = None
-    tip: Line | None = None
-    joints: list[Joint] = Field(default_factory=list)
-    dh: list[DhJoint] = Field(default_factory=list)
-    convention: Literal["standard", "modified"] = "standard"
-    tool: Tool = Tool()
-    pose_deg: list[float] = Field(default_factory=list)
-
-    @model_validator(mode="after")
-    def _one_source(self) -> Arm:
-        given = [name for name in ("urdf", "joints", "dh") if getattr(self, name)]
-        if len(given) != 1:
-            raise ValueError(f"needs exactly one of preset, urdf, joints, dh; got {', '.join(given) or 'none'}")
-        if self.urdf is None and (self.base is not None or self.tip is not None):
-            raise ValueError("base and tip name links of a urdf; tables of joints have none: remove them")
-        return self
 
 
 class JointStiffness(Table):
@@ -174,12 +98,11 @@ class Accuracy(Table):
     run: Line | None = None
 
 
-class ArmStudy(Table):
+class ArmStudy(Base):
     """Everything that the lab does with an arm."""
 
-    schema_version: Literal[1]
-    kind: Literal["arm"]
-    name: Line = "unnamed"
+    presets: ClassVar[Mapping[str, str]] = {"arm": "arms"}
+    kind: Literal["arm"]  # pyright: ignore[reportIncompatibleVariableOverride] - one name of those that there are
     seed: Seed = 0
     arm: Arm
     joints: JointStiffness
@@ -188,48 +111,25 @@ class ArmStudy(Table):
     workspace: Workspace = Workspace()
     poses: Poses = Poses()
     accuracy: Accuracy = Accuracy()
-    provenance: dict[str, Any] = Field(default_factory=dict)
+
+    def mistakes(self, place: str) -> Iterator[Mistake]:
+        """Return what is wrong of the task, and of numbers that there must be one of a joint; a URDF is read."""
+        yield from check_task(self.task, place)
+        try:
+            yield from check_joints(self, chain_of(self.arm, place, Path(place).parent), place)
+        except InputError as error:
+            yield from error.mistakes
 
 
-def is_arm_study(data: dict[str, Any]) -> bool:
-    """Return whether the tables of a file are a study of an arm."""
-    return data.get("kind") == "arm"
-
-
-def load_arm_study(path: Path, settings: tuple[str, ...] | list[str] = ()) -> ArmStudy:
+def load_arm_study(path: Path, settings: Sequence[str] = ()) -> ArmStudy:
     """Return the study in a TOML file, with `a.b=value` settings applied before it is validated.
 
     Raises:
         InputError: lists every mistake with its path.
     """
-    data = with_settings(read_toml(path), settings)
-    place = str(path)
-    require_kind(data, place, ARM_STUDY)
-    if not is_arm_study(data):
-        got = "is missing" if "kind" not in data else f"got {data['kind']!r}"
-        raise input_error(f"{place}: kind", f"{got}; this command needs 'arm'", "write one with `vsajax init arm`")
-    arm = data.get("arm")
-    if isinstance(arm, dict) and "preset" in arm:
-        own = {key: value for key, value in arm.items() if key != "preset"}
-        preset = read_toml(choose("arms", arm["preset"], f"{place}: arm.preset"))
-        data = data | {"arm": merge(preset, own)}
-    study = validate(ArmStudy, data, place)
-    _check(study, path)
+    study = load(path, settings, ARM_STUDY)
+    assert isinstance(study, ArmStudy)
     return study
-
-
-def _check(study: ArmStudy, path: Path) -> None:
-    """Check what no single table can; a URDF is read."""
-    from tuning.kinds.arm.chain import chain_of
-
-    place = str(path)
-    mistakes = list(check_task(study.task, place))
-    try:
-        mistakes += check_joints(study, chain_of(study.arm, place, path.parent), place)
-    except InputError as error:
-        mistakes += error.mistakes
-    if mistakes:
-        raise InputError(*mistakes)
 
 
 def check_task(task: Task, place: str) -> list[Mistake]:

@@ -7,12 +7,14 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from tuning.exports.deployable import Deployable
+from tuning.exports.deployable import Deployable, nothing_to_export
 from tuning.files.errors import input_error
+from tuning.kinds.damping.problem import simulate_exchange
+from tuning.kinds.damping.study import DampingStudy
 from tuning.kinds.estimation.deployable import sample_of
-from tuning.problem.build import build_controller
-from tuning.problem.replay import simulate_exchange
-from tuning.study.loading import DampingStudy, parse_study, resolved
+from tuning.problem.build import build
+from tuning.study.base import Base, resolved
+from tuning.study.loading import parse_study
 from tuning.study.parts.base import Part
 from vsajax import Recording, Sample
 from vsajax.control import ObservedController
@@ -57,7 +59,7 @@ class DeployableController(Deployable):
 
     def build(self) -> ObservedController:
         """Return observer and controller."""
-        return build_controller(self.study)
+        return ObservedController(build(self.study.controller), build(self.study.observer))
 
     @property
     def sample(self) -> Sample:
@@ -79,3 +81,14 @@ class DeployableController(Deployable):
         columns = {name: getattr(recording, name) for name in Recording._fields if name in recording.present()}
         source = f"what the sensor read in the closed loop of {study.name!r}, scenario 0"
         return jax.tree.map(np.asarray, columns), source
+
+
+def deployable_of(config: Base, place: str) -> DeployableController:
+    """Return the controller of a damping study; an estimator alone is none.
+
+    Raises:
+        InputError: there is no controller, or one that no robot can run.
+    """
+    if not isinstance(config, DampingStudy):
+        raise nothing_to_export(config, place)
+    return DeployableController(config, place)

@@ -2,26 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from tuning.kinds.damping.problem import DampingProblem
+from tuning.kinds.damping.study import DampingStudy
 from tuning.pictures.page import Picture, number
 from tuning.pictures.style import ESTIMATE, TRUTH, new_figure
-from tuning.problem.interface import ControlProblem
-from tuning.problem.scenarios import Scenario, Stream, draw_scenarios
-from tuning.study.loading import DampingStudy
+from tuning.problem.interface import Scenario, Stream
+from tuning.problem.scenarios import draw_scenarios
 from vsajax import ControlLoop, rollout
 
 _POINTS = 400
 _LANES = 8
 
 
-def show_swings(study: DampingStudy, stream: Stream, numbers: Sequence[int], title: str) -> Picture:
-    """Show where the links of some scenarios are over time: median, 90 % band and a few of them."""
-    problem = ControlProblem(study)
+def show_swings(
+    study: DampingStudy,
+    stream: Stream,
+    shown: Sequence[int],
+    *,
+    of: str = "",
+    cases: Mapping[int, str] = MappingProxyType({}),
+) -> Iterator[Picture]:
+    """Show where links are over time: bands over some scenarios, and over some others.
+
+    Args:
+        study: whose scenarios are run again.
+        stream: of the scenarios.
+        shown: numbers of those in the first picture.
+        of: what its title adds.
+        cases: titles of the scenarios in the second, by their number.
+    """
+    yield _show_swings(study, stream, shown, f"Coming to rest{of}")
+    if cases:
+        yield _show_swings(study, stream, list(cases), f"The worst robots: {'; '.join(cases.values())}")
+
+
+def _show_swings(study: DampingStudy, stream: Stream, numbers: Sequence[int], title: str) -> Picture:
+    problem = DampingProblem(study)
     each = [draw_scenarios(study, stream, 1, i) for i in numbers]
     scenarios = jax.tree.map(lambda *x: jnp.concatenate(x), *each)
     kept = np.unique(np.linspace(0, problem.samples - 1, _POINTS).astype(int))

@@ -9,20 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.exports.deployable import Deployable
+from tuning.exports.deployable import Deployable, nothing_to_export
 from tuning.exports.flatten import flatten
 from tuning.files.shipped import example_path
 from tuning.files.toml import read_toml
+from tuning.kinds.estimation.study import EstimationStudy, observers_of, require_regular_clock
 from tuning.problem.build import build_estimator
-from tuning.problem.replay import simulate_recording
-from tuning.study.loading import (
-    Config,
-    EstimationStudy,
-    observers_of,
-    parse_study,
-    require_regular_clock,
-    resolved,
-)
+from tuning.problem.replay import simulate
+from tuning.study.base import Base, Config, resolved
+from tuning.study.loading import parse_study
 from tuning.study.parts.base import Part
 from tuning.study.parts.estimators import AlgebraicObserver
 from vsajax import Sample
@@ -86,7 +81,7 @@ class DeployableEstimator(Deployable):
     def simulate(self, seconds: float) -> tuple[dict[str, np.ndarray], str]:
         """Return the signals of a study's own joint, or of the example joint where there is none."""
         study = self._study(seconds)
-        return simulate_recording(study, 0)[0], f"simulated from {study.name!r}, scenario 0"
+        return simulate(study, 0)[0], f"simulated from {study.name!r}, scenario 0"
 
     def record(self, path: File) -> tuple[dict[str, np.ndarray], str]:
         """Return `time` and the signals of the user's recording; one that is irregular is refused by a window."""
@@ -134,3 +129,14 @@ def sample_of(names: frozenset[str] | tuple[str, ...]) -> Sample:
     """Return a sample of zeros with some signals."""
     zero = jnp.zeros(())
     return Sample(zero, **{name: zero for name in Sample._fields if name in names})
+
+
+def deployable_of(config: Base, place: str) -> DeployableEstimator:
+    """Return the estimator of a study, or of a configuration without a joint.
+
+    Raises:
+        InputError: there is no estimator.
+    """
+    if not isinstance(config, Config):
+        raise nothing_to_export(config, place)
+    return DeployableEstimator(config)

@@ -15,7 +15,7 @@ from tuning.logs.analysis import Analysis, analyse, clock_facts, fault_facts, fa
 from tuning.logs.reading import RecordingTable
 from tuning.logs.torques import Assumptions
 from tuning.problem.build import build, build_estimator
-from tuning.study.loading import Config
+from tuning.study.base import Config
 from tuning.study.parts.estimators import AlgebraicObserver, Polynomial, SeparableOddPolynomial
 from tuning.study.parts.estimators import AntagonisticPair as PairConfig
 from tuning.study.parts.estimators import Estimator as EstimatorTable

@@ -24,7 +24,8 @@ from tuning.problem.build import build_estimator, number
 from tuning.runs.folder import versions
 from tuning.search.descent import descent, ending
 from tuning.search.space import Space, Vector
-from tuning.study.loading import numeric_paths, resolved, study_hash, to_toml
+from tuning.study.base import resolved, study_hash, to_toml
+from tuning.study.paths import numeric_paths
 from tuning.terminal.progress import progress
 from vsajax import Recording, experiment, rollout
 

@@ -13,7 +13,9 @@ from tuning.files.errors import InputError, input_error
 from tuning.kinds.log.pictures import draw_tried
 from tuning.pictures.page import Page, Picture, Table, number
 from tuning.runs.folder import read_table
-from tuning.study.loading import Base, load_config, numeric_paths
+from tuning.study.base import Base
+from tuning.study.loading import load_config
+from tuning.study.paths import numeric_paths
 
 _PARTS = {"train": "tuned on", "held_out": "held out"}
 _MEASURES = {

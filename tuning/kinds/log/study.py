@@ -12,9 +12,10 @@ from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.kinds import LOG_STUDY, require_kind
 from tuning.files.tables import put, with_settings
 from tuning.files.toml import Seed, Table, read_toml, validate
-from tuning.study.loading import Config, check_path, numeric_paths, resolved
+from tuning.study.base import Config, resolved
 from tuning.study.parts.base import AtLeastOne, Positive
 from tuning.study.parts.estimators import StiffnessEstimator
+from tuning.study.paths import check_path, numeric_paths
 from tuning.study.ranges import Bounds
 
 

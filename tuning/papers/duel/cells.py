@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from tuning.files.shipped import example_path
+from tuning.kinds.estimation.study import EstimationStudy, load_estimation
 from tuning.papers.antagonistic import model as paper
-from tuning.study.loading import EstimationStudy, load_estimation
 from tuning.study.ranges import Bounds
 
 SETTINGS = (paper.R1, paper.R2, paper.T1)

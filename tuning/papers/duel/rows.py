@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from tuning.files.whole import write_table
+from tuning.kinds.estimation.problem import EstimationProblem, Given
 from tuning.papers.antagonistic import model as paper
 from tuning.papers.duel.cells import (
     ALGEBRAIC,
@@ -35,7 +36,8 @@ from tuning.papers.duel.cells import (
     Contender,
 )
 from tuning.papers.rows import Report, Row
-from tuning.problem.scenarios import Given, Problem, Scenario, draw_scenarios
+from tuning.problem.interface import Scenario
+from tuning.problem.scenarios import draw_scenarios
 from tuning.scoring.grid import lane_program
 from tuning.scoring.intervals import MEAN, interval
 from tuning.search.space import Space
@@ -79,7 +81,7 @@ def _enter(contender: Contender) -> list[Entry]:
     """Tune a contender at every level under every excitation, and score it; one compiled program for all."""
     noise = _noise_values(contender)
     paths = (*contender.bounds, *noise)
-    problem = Problem(contender.study, paths)
+    problem = EstimationProblem(contender.study, paths)
     program = lane_program(problem, paths, (), width=_LANES)
     drawn = draw_scenarios(contender.study, "train", TRAIN), draw_scenarios(contender.study, "held_out", HELD_OUT)
     train, held_out = jax.tree.map(lambda x: x.reshape(-1, TRAIN), drawn)

@@ -13,9 +13,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
 from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, plain, save
-from tuning.problem.scenarios import Status
+from tuning.problem.interface import Status
 from tuning.scoring.summary import Summary
-from tuning.study.loading import Study
+from tuning.study.base import Study
 from tuning.study.scores import time_of, title_of
 
 Rows = Mapping[str, np.ndarray]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,98 +11,17 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter
 
-from tuning.kinds.estimation.traces import Replay
-from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, make_log, new_figure, plain
+from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, WIDTH, make_log, new_figure, plain
 from tuning.report.pictures.populations import Rows
 from tuning.report.pictures.searches import NEAR
 from tuning.study.scores import title_of
 
-_GREY, _MAP = "#e4e4e4", "viridis_r"
-_WIDTH = 5.6
-
-
-def draw_band(replay: Replay) -> Figure:
-    """Draw true against estimated stiffness, and the relative error: medians and 90 % bands over scenarios."""
-    time = np.median(replay.time, axis=0)
-    estimate = np.where(replay.known & np.isfinite(replay.estimate), replay.estimate, np.nan)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        error = 100 * np.abs(estimate - replay.truth) / np.abs(replay.truth)
-    figure, (top, bottom) = new_figure(_WIDTH, 5.0, 2, sharex=True, height_ratios=(3, 2))
-    low, middle, high = quantiles(replay.truth)
-    top.plot(time, middle, "--", color=TRUTH, label="true, median", zorder=3)
-    if np.nanmax(high - low, initial=0.0) > 1e-6 * np.nanmax(np.abs(middle), initial=0.0):
-        for edge, label in ((low, "true, 5–95 %"), (high, None)):
-            top.plot(time, edge, ":", color=TRUTH, linewidth=0.9, label=label)
-    below, centre, above = quantiles(estimate)
-    top.fill_between(time, below, above, color=ESTIMATE, alpha=0.25, linewidth=0, label="estimated, 5–95 %")
-    top.plot(time, centre, color=ESTIMATE, label="estimated, median")
-    _limit(top, [low, high, _inner(centre)])
-    below, centre, above = (np.where(line > 0, line, np.nan) for line in quantiles(error))
-    bottom.fill_between(time, below, above, color=ESTIMATE, alpha=0.25, linewidth=0)
-    bottom.plot(time, centre, color=ESTIMATE)
-    if np.isfinite(centre).any():
-        bottom.set_yscale("log")
-    for axis in (top, bottom):
-        _shade(axis, time, np.mean(replay.known, axis=0) < 0.5, "not known in most")
-    top.set_ylabel("stiffness [N·m/rad]")
-    bottom.set_ylabel("relative error [%]")
-    bottom.set_xlabel("time [s]")
-    top.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8)
-    figure.align_ylabels()
-    return figure
-
-
-def quantiles(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the 5, 50 and 95 % quantiles over the rows, passing over NaN; NaN where there is nothing else."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        low, middle, high = np.nanquantile(values, (0.05, 0.5, 0.95), axis=0)
-    return low, middle, high
-
-
-def draw_cases(replay: Replay, titles: Sequence[str]) -> Figure:
-    """Draw true and estimated stiffness of single scenarios, one below the other."""
-    count = len(titles)
-    figure, axes = new_figure(_WIDTH, 1.45 * count + 0.7, count, squeeze=False, sharex=True)
-    for i, (axis, title) in enumerate(zip(axes[:, 0], titles, strict=True)):
-        time, known = replay.time[i], replay.known[i]
-        shown = np.where(known & np.isfinite(replay.estimate[i]), replay.estimate[i], np.nan)
-        axis.plot(time, shown, color=ESTIMATE, label="estimated")
-        axis.plot(time, replay.truth[i], "--", color=TRUTH, label="true")
-        _limit(axis, [replay.truth[i], _inner(shown)])
-        _shade(axis, time, ~known, "not known")
-        axis.set_title(title, fontsize=8.5, loc="left")
-        axis.set_ylabel("[N·m/rad]", fontsize=8)
-    axes[-1, 0].set_xlabel("time [s]")
-    lines, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(lines, labels, loc="outside upper center", ncols=3, fontsize=8)
-    return figure
-
-
-def _inner(values: np.ndarray) -> np.ndarray:
-    """Return the bulk of a curve: a transient may be orders of magnitude away."""
-    finite = values[np.isfinite(values)]
-    return np.quantile(finite, [0.03, 0.97]) if finite.size else finite
-
-
-def _limit(axis: Axes, pieces: Sequence[np.ndarray]) -> None:
-    together = np.concatenate([piece[np.isfinite(piece)] for piece in pieces])
-    if together.size:
-        low, high = together.min(), together.max()
-        room = 0.08 * (high - low) + 0.02 * max(abs(low), abs(high)) or 1.0
-        axis.set_ylim(low - room, high + room)
-
-
-def _shade(axis: Axes, time: np.ndarray, where: np.ndarray, label: str) -> None:
-    place = axis.get_xaxis_transform()
-    axis.fill_between(
-        time, 0, 1, where=where, transform=place, color=_GREY, step="mid", linewidth=0, label=label, zorder=0
-    )
+_MAP = "viridis_r"
 
 
 def draw_shares(groups: Mapping[str, np.ndarray], metric: str) -> Figure:
     """Draw how a metric is distributed in groups of scenarios, one curve a group."""
-    figure, axis = new_figure(_WIDTH, 3.9)
+    figure, axis = new_figure(WIDTH, 3.9)
     colours = [TRUTH, ESTIMATE, OTHER, "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
     is_positive = True
     for i, (label, values) in enumerate(groups.items()):
@@ -150,7 +68,7 @@ def front(cost: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def draw_front(accuracy: np.ndarray, time: np.ndarray, label: str) -> Figure:
     """Draw configurations by accuracy and convergence time, with their Pareto front."""
-    figure, axis = new_figure(_WIDTH, 4.2)
+    figure, axis = new_figure(WIDTH, 4.2)
     finite = np.isfinite(accuracy) & np.isfinite(time)
     chosen = front(accuracy, time)
     axis.plot(
@@ -174,7 +92,7 @@ def draw_parallel(rows: Sequence[Mapping[str, float]], paths: Sequence[str], sco
     norm = _norm(finite)
     bars = [_Bar(np.array([row[path] for row in rows], float)) for path in paths]
     places = np.stack([bar.place for bar in bars], axis=1)
-    figure, axis = new_figure(max(_WIDTH, 1.25 * len(paths) + 1.4), 4.4)
+    figure, axis = new_figure(max(WIDTH, 1.25 * len(paths) + 1.4), 4.4)
     for i in reversed(range(len(rows))):
         # Equal numbers would hide one another: later lines lie a little lower.
         line = places[i] - 0.004 * min(i, 10)
@@ -222,7 +140,7 @@ def _norm(finite: np.ndarray) -> Normalize:
 
 def draw_points(x: np.ndarray, y: np.ndarray, score: np.ndarray, paths: tuple[str, str], label: str) -> Figure:
     """Draw tried points in a plane of two numbers, coloured by score, those near the best ringed."""
-    figure, axis = new_figure(_WIDTH, 4.2)
+    figure, axis = new_figure(WIDTH, 4.2)
     finite = np.isfinite(score)
     # The best lie on top.
     order = np.flatnonzero(finite)[np.argsort(-score[finite])]
@@ -252,7 +170,7 @@ def draw_points(x: np.ndarray, y: np.ndarray, score: np.ndarray, paths: tuple[st
 
 def draw_pairs(first: np.ndarray, second: np.ndarray, names: tuple[str, str], metric: str) -> Figure:
     """Draw one run's score against the other's, a point a scenario."""
-    figure, axis = new_figure(_WIDTH, 4.4)
+    figure, axis = new_figure(WIDTH, 4.4)
     usable = np.isfinite(first) & np.isfinite(second)
     shown = np.flatnonzero(usable)[:4000]
     axis.plot(first[shown], second[shown], "o", color=ESTIMATE, markersize=3, alpha=0.5, rasterized=True)

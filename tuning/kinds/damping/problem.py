@@ -1,0 +1,129 @@
+"""A damping study made computable: a controller in the loop, simulated and scored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from tuning.kinds.damping.study import DampingStudy
+from tuning.problem.build import build, with_leaves
+from tuning.problem.interface import Outcome, Scenario, Status, Values, Vector
+from tuning.problem.replay import replayed, require_finite
+from vsajax import ControlLoop, SwingMotion, closed_loop
+from vsajax.closed_loop import Exchange
+
+
+@dataclass(frozen=True)
+class DampingProblem:
+    """A study's closed loop, and its scores as pure functions of varied numbers and scenarios.
+
+    Args:
+        study: the study.
+        varied: dotted paths of the numbers that will vary, beside the population's.
+    """
+
+    study: DampingStudy
+    varied: tuple[str, ...] = ()
+    if_not_finite: ClassVar[tuple[str, str]] = ("controller", "check its gains, or set `substeps`")
+
+    @cached_property
+    def bench(self) -> ControlLoop:
+        """The loop at the study's own numbers."""
+        tables = ("plant", "impact", "controller", "scorer", "clock", "sensor", "observer", "start")
+        return ControlLoop(**{name: build(getattr(self.study, name)) for name in tables})
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of a run."""
+        return self.bench.clock.samples
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps a sample."""
+        return self.study.substeps
+
+    @property
+    def given(self) -> ControlLoop:
+        """What `outcome` and `objective` are given: one compilation serves every value."""
+        return self.bench
+
+    def motion(self, scenario: Scenario, given: ControlLoop) -> SwingMotion:
+        """Return the motion in a scenario."""
+        loop = with_leaves(given, scenario.numbers)
+        return closed_loop.simulate(loop, key=scenario.key, substeps=self.substeps)
+
+    def columns(self, scenario: Scenario, given: ControlLoop) -> dict[str, Array]:
+        """Return the motion of a scenario by name, each `(time,)`."""
+        motion = self.motion(scenario, given)
+        return {
+            "time": motion.time,
+            "link_position": motion.positions[0],
+            "link_velocity": motion.velocities[0],
+            "motor_position": motion.motor_positions[0],
+            "true_stiffness": motion.stiffness[0],
+            "commanded_stiffness": motion.commanded[0],
+        }
+
+    def observe(self, values: Values, scenario: Scenario, given: ControlLoop) -> None:
+        """Return nothing: a controller changes all that is recorded."""
+        del values, scenario, given
+
+    def exchange(self, scenario: Scenario, given: ControlLoop) -> Exchange:
+        """Return what the joint's controller was told in a scenario, and what it answered."""
+        loop = with_leaves(given, scenario.numbers)
+        return closed_loop.exchanges(loop, key=scenario.key, substeps=self.substeps)[0]
+
+    def outcome(self, values: Values, scenario: Scenario, given: ControlLoop) -> Outcome:
+        """Return the scores at `values` in a scenario, and whether they count."""
+        loop = with_leaves(given, {**scenario.numbers, **values})
+        scores = closed_loop.score(loop, key=scenario.key, substeps=self.substeps)
+        return Outcome(scores, jnp.where(scores.diverged > 0, Status.MOTION_DIVERGED, Status.OK))
+
+    def objective(
+        self, values: Values, scenario: Scenario, given: ControlLoop, observed: object
+    ) -> Float[Array, ""]:
+        """Return the scenario's `log_energy`."""
+        residuals = self._residuals(values, scenario, given)
+        return residuals @ residuals
+
+    def normal_equations(
+        self,
+        values_at: Callable[[Vector], Values],
+        z: Vector,
+        scenario: Scenario,
+        given: ControlLoop,
+        observed: object,
+    ) -> Float[Array, "q q"]:
+        """Return MᵀM of M = [J r], the residuals r and their derivatives J = ∂r/∂z at `values_at(z)`."""
+
+        def residuals(z: Vector) -> Float[Array, " time"]:
+            return self._residuals(values_at(z), scenario, given)
+
+        whole = jnp.column_stack([jax.jacfwd(residuals)(z), residuals(z)])
+        return whole.T @ whole
+
+    def _residuals(self, values: Values, scenario: Scenario, given: ControlLoop) -> Float[Array, " time"]:
+        loop = with_leaves(given, {**scenario.numbers, **values})
+        return closed_loop.residuals(loop, key=scenario.key, substeps=self.substeps)
+
+
+def simulate_exchange(study: DampingStudy, scenario: int) -> Exchange:
+    """Return what the controller was told in a scenario's loop, and what it answered.
+
+    Args:
+        study: what is simulated.
+        scenario: its number, as `problem.replay.simulate` has it.
+
+    Raises:
+        InputError: the motion is not finite.
+    """
+    problem = DampingProblem(study)
+    exchange = problem.exchange(replayed(study, scenario), problem.given)
+    require_finite(exchange, *problem.if_not_finite)
+    return exchange

@@ -1,0 +1,137 @@
+"""The kinds of study: what each of them consists of, by name. No kind is imported here before it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from tuning.files.errors import input_error
+from tuning.files.kinds import ARM_STUDY, CONFIG, LOG_STUDY, STUDY, FileKind
+
+Tables = Mapping[str, Any]
+
+
+class Ref(str):
+    """Where something is defined, `package.module:name`; it is imported when it is loaded."""
+
+    __slots__ = ()
+
+    def load(self) -> Any:
+        """Return what is defined there."""
+        module, _, name = self.partition(":")
+        return getattr(import_module(module), name)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of study.
+
+    Args:
+        name: as `kind = "NAME"` has it.
+        file: what a file of this kind is.
+        tables: its class, a `study.base.Base`; it does not import jax.
+        problem: its `problem.interface.Problem`, called with the study and the paths that vary; `None` where
+            nothing is scored over scenarios.
+        picture: called with `(time,)` columns by name and a title, it returns the figure of one scenario.
+        traces: what a report shows over time, called as `kinds.estimation.traces.show_estimates` is; `None` where
+            there is nothing.
+        deployable: called with a configuration and its place in errors, it returns the `exports.deployable` that
+            leaves the lab; `None` where nothing does.
+        holds: whether tables are of this kind; by default those whose `kind` is its name.
+    """
+
+    name: str
+    file: FileKind
+    tables: Ref
+    problem: Ref | None = None
+    picture: Ref | None = None
+    traces: Ref | None = None
+    deployable: Ref | None = None
+    holds: Callable[[Tables], bool] | None = None
+
+    def is_of(self, tables: Tables) -> bool:
+        """Return whether tables are of this kind."""
+        return self.holds(tables) if self.holds is not None else tables.get("kind") == self.name
+
+
+def _estimation(name: str, tables: str) -> Kind:
+    return Kind(
+        name,
+        STUDY,
+        Ref(f"tuning.kinds.estimation.study:{tables}"),
+        problem=Ref("tuning.kinds.estimation.problem:EstimationProblem"),
+        picture=Ref("tuning.kinds.estimation.pictures:draw_recording"),
+        traces=Ref("tuning.kinds.estimation.traces:show_estimates"),
+        deployable=Ref("tuning.kinds.estimation.deployable:deployable_of"),
+    )
+
+
+_ALL = (
+    Kind(
+        "log",
+        LOG_STUDY,
+        Ref("tuning.kinds.log.study:LogStudy"),
+        holds=lambda tables: "recording" in tables,
+    ),
+    _estimation("serial", "SerialStudy"),
+    _estimation("sea", "SeaStudy"),
+    _estimation("antagonistic", "AntagonisticStudy"),
+    Kind(
+        "damping",
+        STUDY,
+        Ref("tuning.kinds.damping.study:DampingStudy"),
+        problem=Ref("tuning.kinds.damping.problem:DampingProblem"),
+        picture=Ref("tuning.kinds.damping.pictures:draw_swing"),
+        traces=Ref("tuning.kinds.damping.traces:show_swings"),
+        deployable=Ref("tuning.kinds.damping.deployable:deployable_of"),
+    ),
+    Kind(
+        "arm",
+        ARM_STUDY,
+        Ref("tuning.kinds.arm.study:ArmStudy"),
+        deployable=Ref("tuning.kinds.arm.deployable:deployable_of"),
+    ),
+)
+
+
+def all_kinds() -> Iterator[Kind]:
+    """Return every kind, in the order in which they are asked whether tables are theirs."""
+    yield from _ALL
+
+
+def kind_named(name: str) -> Kind:
+    """Return a kind by its name.
+
+    Raises:
+        KeyError: there is none of that name.
+    """
+    found = next((kind for kind in all_kinds() if kind.name == name), None)
+    if found is None:
+        raise KeyError(name)
+    return found
+
+
+def kind_in(tables: Tables, place: str, file: FileKind) -> Kind:
+    """Return which kind of study tables are.
+
+    Args:
+        tables: of a file.
+        place: their source, for errors.
+        file: what the file is; only its kinds are allowed.
+
+    Raises:
+        InputError: their `kind` is missing, or is none of these.
+    """
+    allowed = [kind for kind in all_kinds() if kind.file is file]
+    found = next((kind for kind in allowed if kind.is_of(tables)), None)
+    if found is None:
+        got = f"got {tables['kind']!r}" if "kind" in tables else "is missing"
+        raise input_error(f"{place}: kind", got, f"allowed: {', '.join(kind.name for kind in allowed)}")
+    return found
+
+
+def exported_files() -> list[FileKind]:
+    """Return the kinds of file that can be exported."""
+    return list(dict.fromkeys([CONFIG, *(kind.file for kind in all_kinds() if kind.deployable is not None)]))
