@@ -47,7 +47,7 @@ def test_scores_are_those_of_the_motion(problem):
     assert float(objective) == pytest.approx(float(scores.log_energy), rel=1e-12)
     # The rule and the robot both make a difference.
     other = jax.tree.map(lambda x: x[3], draw_scenarios(problem.study, "population", 4))
-    run = jax.jit(problem.scores)
+    run = jax.jit(lambda *given: problem.outcome(*given).scores)
     assert run(values, other, problem.given).log_energy != scores.log_energy
     assert run(values | {LEAD: jnp.asarray(0.0)}, scenario, problem.given).log_energy != scores.log_energy
 
