@@ -1,6 +1,7 @@
 """The rooms of the lab and their floors, read from the source: imports point down, also those inside functions."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -117,3 +118,10 @@ def test_checking_a_file_never_waits_for_jax(room):
         names = imports(module, at_once=True)
         assert not {name.split(".")[0] for name in names} & heavy, module
         waiting |= {name for name in names if name in TREES} - seen
+
+
+def test_the_page_on_the_architecture_has_these_floors(request):
+    page = request.config.rootpath / "docs" / "architecture.md"
+    rows = re.findall(r"^\| (\d+) \| ([^|]+) \|", page.read_text(encoding="utf-8"), re.MULTILINE)
+    told = {int(number): set(re.findall(r"`(\w+)`", rooms)) for number, rooms in rows}
+    assert told == {number: set(rooms) for number, rooms in enumerate(FLOORS, start=1)}
