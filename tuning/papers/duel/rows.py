@@ -83,6 +83,8 @@ def _enter(contender: Contender) -> list[Entry]:
     paths = (*contender.bounds, *noise)
     problem = EstimationProblem(contender.study, paths)
     program = lane_program(problem, paths, (), width=_LANES)
+    # Chosen ahead of any program, though the motion is given: a scenario's status asks for them.
+    assert problem.substeps
     drawn = draw_scenarios(contender.study, "train", TRAIN), draw_scenarios(contender.study, "held_out", HELD_OUT)
     train, held_out = jax.tree.map(lambda x: x.reshape(-1, TRAIN), drawn)
     per_level = np.stack(list(noise.values()), axis=1)
