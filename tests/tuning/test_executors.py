@@ -323,7 +323,7 @@ def test_a_worker_computes_under_the_flags_of_the_run(planned, tmp_path, monkeyp
     flags = os.environ["XLA_FLAGS"]
     spec = spec_of(planned.open(tmp_path, resume=False).manifest)
     started = []
-    monkeypatch.setattr(work.runtime, "start_jax", lambda: started.append(os.environ["XLA_FLAGS"]))
+    monkeypatch.setattr(work.machine, "start_jax", lambda: started.append(os.environ["XLA_FLAGS"]))
     monkeypatch.setenv("XLA_FLAGS", "--others")
     columns = run_chunk(spec, planned.chunks[1])
     assert started == [flags]

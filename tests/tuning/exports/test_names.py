@@ -19,7 +19,7 @@ import yaml
 
 from tests.tuning.exports.native import needs_compiler
 from tuning.exports.artefact import Artefact, Subject
-from tuning.exports.deployable import load_deployable
+from tuning.exports.deployable import deployable_of, load_deployable
 from tuning.exports.escaping import comment_of_c, string_of_c, text_of_markdown, text_of_xml
 from tuning.exports.export import banner_of
 from tuning.exports.formats import fmi
