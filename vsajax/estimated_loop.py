@@ -48,12 +48,16 @@ class EstimatedLoop(eqx.Module):
     """A loop on one link in which the commanded stiffness goes through an estimate of the spring.
 
     Args:
-        loop: plant, impact, controller, scorer and clock; its actuator's range is that of the true law.
+        loop: plant, impact, controller, scorer and clock; its actuator's range is that of the true law, and its
+            controller is told the true motion.
         law: the true law of the spring.
         nominal: what is believed of it before the estimate is known.
         estimator: of the stiffness, over deflection, preset and measured elastic torque.
         torque_std: noise of the torque sensor [N·m].
         uses_estimate: 1 to follow the estimate once it is known, 0 to believe the nominal law for ever.
+
+    Raises:
+        ValueError: the loop has a sensor, which nothing would read.
     """
 
     loop: ControlLoop
@@ -62,6 +66,10 @@ class EstimatedLoop(eqx.Module):
     estimator: StiffnessEstimator
     torque_std: Scalar = eqx.field(converter=as_leaf)
     uses_estimate: Scalar = eqx.field(converter=as_leaf, default=1.0)
+
+    def __check_init__(self) -> None:
+        if self.loop.sensor is not None:
+            raise ValueError("an estimated loop tells its controller the true motion: give its loop no sensor")
 
 
 class EstimatedMotion(NamedTuple):

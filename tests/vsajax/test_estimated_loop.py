@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.vsajax.swings import CONTROLLERS, KEY, SOFT, link_plant, loop
-from vsajax import estimated_loop, plants
+from vsajax import estimated_loop, plants, sensing
 from vsajax import estimators as es
 
 LAW = estimated_loop.PresetLaw(0.2, 1.0)
@@ -61,3 +61,11 @@ def test_presets_are_inverted_within_their_range():
     stiffness = jnp.array([0.1, 0.2, 0.7, 1.2, 9.0])
     np.testing.assert_allclose(jax.vmap(LAW.preset)(stiffness), [0.0, 0.0, 0.5, 1.0, 1.0])
     assert LAW.stiffness(jnp.asarray(0.5)) == pytest.approx(0.7)
+
+
+@pytest.mark.failure
+def test_a_sensor_that_nothing_would_read_is_refused():
+    own = joint()
+    sensed = loop(CONTROLLERS["law"], own.loop.plant, sensor=sensing.FeedbackSensor(noise_std=1e-3))
+    with pytest.raises(ValueError, match="give its loop no sensor"):
+        estimated_loop.EstimatedLoop(sensed, LAW, LAW, own.estimator, 0.0)

@@ -13,7 +13,10 @@ Value = Float[Array, "..."]
 def with_slope(value: Value, slope: Value, variable: Value) -> Value:
     """Return `value`, whose derivative gains `slope` · d`variable`: for what is known in closed form.
 
-    `value` must not depend on `variable` otherwise. First derivatives only: `slope` counts as constant.
+    `value` must not depend on `variable` otherwise.
+
+    Raises:
+        TypeError: of a second derivative: `slope` was computed for the first one and has none of its own.
     """
     return value
 
@@ -24,7 +27,21 @@ def _with_slope_jvp(
 ) -> tuple[Value, Value]:
     value, slope, _ = primals
     value_tangent, _, variable_tangent = tangents
-    return value, value_tangent + slope * variable_tangent
+    return value, value_tangent + _final(slope) * variable_tangent
+
+
+@jax.custom_jvp
+def _final(slope: Value) -> Value:
+    """Return a derivative that cannot be differentiated again."""
+    return slope
+
+
+@_final.defjvp
+def _final_jvp(primals: tuple[Value], tangents: tuple[Value]) -> tuple[Value, Value]:
+    raise TypeError(
+        "a derivative that is known in closed form, such as that of an estimate by its prior scale, has no derivative "
+        "of its own: take first derivatives only, or finite differences of them"
+    )
 
 
 def safe_divide(numerator: Value, denominator: Value) -> Value:

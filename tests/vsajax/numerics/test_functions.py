@@ -108,3 +108,15 @@ def test_safe_sqrt_is_the_root_with_finite_derivatives():
     np.testing.assert_allclose(numerics.safe_sqrt(x), [0.0, 0.0, 1e-150, 0.5, 3.0], rtol=4 * EPS)
     slopes = jax.vmap(jax.grad(numerics.safe_sqrt))(x)
     np.testing.assert_allclose(slopes, [0.0, 0.0, 5e149, 1.0, 1.0 / 6.0], rtol=4 * EPS)
+
+
+@pytest.mark.failure
+@pytest.mark.parametrize("twice", [jax.hessian, lambda f: jax.jacfwd(jax.jacfwd(f)), lambda f: jax.grad(jax.grad(f))])
+def test_a_known_slope_has_first_derivatives_only(twice):
+    def function(x):
+        return numerics.with_slope(jax.lax.stop_gradient(x**3), 3.0 * x**2, x)
+
+    at = jnp.asarray(2.0)
+    assert [float(derive(function)(at)) for derive in (jax.grad, jax.jacfwd)] == [12.0, 12.0]
+    with pytest.raises(TypeError, match="take first derivatives only"):
+        twice(function)(at)
