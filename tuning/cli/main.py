@@ -19,6 +19,7 @@ from tuning.cli.init import check, init
 from tuning.cli.montecarlo import montecarlo
 from tuning.cli.report import report
 from tuning.cli.reproduce import reproduce
+from tuning.cli.schema import schema
 from tuning.cli.simulate import estimate, simulate
 from tuning.cli.tune import sweep, tune
 from tuning.files.errors import InputError, input_error
@@ -39,6 +40,7 @@ def cli() -> None:
 for command in (
     init,
     check,
+    schema,
     simulate,
     estimate,
     sweep,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import pydantic
 
@@ -15,6 +15,17 @@ from tuning.files.tables import parse_toml
 Seed = Annotated[int, pydantic.Field(ge=0, le=2**63 - 1)]
 """Of which random numbers are drawn; what jax can hold."""
 
+
+def _no_switch(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError(f"needs a number; got {str(value).lower()}")
+    return value
+
+
+NO_SWITCH = pydantic.BeforeValidator(_no_switch)
+"""What is one of some whole numbers is not `true`, though that equals 1."""
+SchemaVersion = Annotated[Literal[1], NO_SWITCH]
+"""Of every file."""
 UNKNOWN_KEY = "unknown key"
 """What is said of a key that a table does not have."""
 _LOGS = {".csv", ".tsv", ".txt", ".dat", ".asc", ".parquet", ".mat", ".h5", ".hdf5", ".bag", ".mcap", ".db3"}

@@ -15,7 +15,7 @@ import pydantic
 
 from tuning.files.kinds import SIGNAL_MAP, require_kind
 from tuning.files.tables import with_settings
-from tuning.files.toml import Table, read_toml, validate
+from tuning.files.toml import NO_SWITCH, SchemaVersion, Table, read_toml, validate
 from tuning.logs.layout import AS_FOUND, FileFormat
 
 Kind = Literal["serial", "antagonistic", "sea"]
@@ -92,7 +92,7 @@ def _scale_missing(unit: str, scale: float | None, target: str) -> str | None:
 
 class _Signal(Table):
     column: str
-    sign: Literal[1, -1] = 1
+    sign: Annotated[Literal[1, -1], NO_SWITCH] = 1
     offset: _Finite = 0.0
     scale: _Finite | None = None
     clock: str | None = None
@@ -339,7 +339,7 @@ class SignalMap(Table):
         signals: the rest.
     """
 
-    schema_version: Literal[1]
+    schema_version: SchemaVersion
     kind: Kind
     clock: Clock
     join: list[str] = pydantic.Field(default_factory=list)

@@ -14,7 +14,7 @@ from tuning.files.errors import Mistake
 from tuning.files.shipped import choose
 from tuning.files.tables import merge
 from tuning.files.text import Line
-from tuning.files.toml import Seed, Table, read_toml, validate
+from tuning.files.toml import SchemaVersion, Seed, Table, read_toml, validate
 from tuning.study.parts.base import AtLeastOne
 from tuning.study.parts.estimators import Estimator
 from tuning.study.parts.rig import Clock, Scorer
@@ -37,7 +37,7 @@ class Base(Table):
 
     varied: ClassVar[tuple[str, ...]] = ()
     presets: ClassVar[Mapping[str, str]] = {}
-    schema_version: Literal[1]
+    schema_version: SchemaVersion
     kind: str
     name: Line = "unnamed"
     provenance: dict[str, Any] = Field(default_factory=dict)

@@ -39,7 +39,7 @@ def _final(slope: Value) -> Value:
 @_final.defjvp
 def _final_jvp(primals: tuple[Value], tangents: tuple[Value]) -> tuple[Value, Value]:
     raise TypeError(
-        "a derivative that is known in closed form, such as that of an estimate by its prior scale, has no derivative "
+        "a derivative that is known in closed form, such as that of an estimate by its prior scale, has none "
         "of its own: take first derivatives only, or finite differences of them"
     )
 

@@ -110,8 +110,11 @@ def test_safe_sqrt_is_the_root_with_finite_derivatives():
     np.testing.assert_allclose(slopes, [0.0, 0.0, 5e149, 1.0, 1.0 / 6.0], rtol=4 * EPS)
 
 
+TWICE = [jax.hessian, lambda f: jax.jacfwd(jax.jacfwd(f)), lambda f: jax.grad(jax.grad(f))]
+
+
 @pytest.mark.failure
-@pytest.mark.parametrize("twice", [jax.hessian, lambda f: jax.jacfwd(jax.jacfwd(f)), lambda f: jax.grad(jax.grad(f))])
+@pytest.mark.parametrize("twice", TWICE, ids=["hessian", "forward", "reverse"])
 def test_a_known_slope_has_first_derivatives_only(twice):
     def function(x):
         return numerics.with_slope(jax.lax.stop_gradient(x**3), 3.0 * x**2, x)

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from tuning.files.toml import NO_SWITCH
 from tuning.study.parts.base import NonNegative, Part, Positive
 
 
@@ -41,7 +42,7 @@ class ExponentialSpring(Part):
     type: Literal["exponential"]
     torque_scale: Positive
     exponent: Positive
-    side: Literal[1, -1] = 1
+    side: Annotated[Literal[1, -1], NO_SWITCH] = 1
 
 
 class HyperbolicSpring(Part):
