@@ -1,4 +1,4 @@
-"""A damping controller on an agonist-antagonist joint, whose stiffness is co-contraction through an estimate.
+"""A damping controller on an agonist-antagonist joint: co-contraction sets the stiffness, by estimated springs.
 
 The joint is the one of `plants`: two motors pull the link through nonlinear springs, and how far they pull apart
 sets how stiff it is. To give the stiffness that a controller asks for one has to know both springs. A pair of

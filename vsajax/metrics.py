@@ -89,7 +89,9 @@ class Scorer(eqx.Module):
         """Return the state before the first sample."""
         zero = jnp.zeros_like(self.warm_up)
         never = jnp.full_like(zero, jnp.inf)
-        return ScoreState(*(zero,) * 15)._replace(last_outside=-never, known_time=never, last_time=-never)
+        return ScoreState(**dict.fromkeys(ScoreState._fields, zero))._replace(
+            last_outside=-never, known_time=never, last_time=-never
+        )
 
     def relative_error(self, stiffness: Float[Array, "..."], estimate: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return (σ − σ̂)/σ, and 0 where |σ| does not exceed the floor."""

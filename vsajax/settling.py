@@ -95,7 +95,7 @@ class SwingScorer(eqx.Module):
     def init(self, first: Swept) -> SwingScoreState:
         """Return the state before the first sample, which `step` then counts as any other."""
         zero = jnp.zeros_like(first.time)
-        return SwingScoreState(first, *(zero,) * 13)
+        return SwingScoreState(last=first, **dict.fromkeys(SwingScoreState._fields[1:], zero))
 
     def step(
         self, state: SwingScoreState, swept: Swept, *, band_energy: Scalar, duration: float

@@ -102,9 +102,9 @@ def test_what_a_schema_refuses_check_refuses(name, every, validators):
             assert mistakes_of(other), f"{'.'.join(path)} = {value!r}"
         elif not mistakes_of(other):
             agreed += 1
-    # The test can fail: there is plenty of both.
-    assert refused > 3
-    assert agreed
+    # The test can fail: there is something to refuse, and where all is tried something to take.
+    assert refused
+    assert agreed or every > 1
 
 
 @pytest.mark.equivalence

@@ -12,13 +12,13 @@ import numpy as np
 from tuning.logs.curves import curve_of, fit, solve
 
 LINE_HOLDS = 0.98
-"""R² from which one line is said to describe a log."""
+"""One line is said to describe a log that it explains with at least this R²."""
 _NAMED = 0.1
-"""Share of what a line leaves unexplained from which a cause is named."""
+"""A cause is named that explains at least this share of what a line leaves unexplained."""
 _TURN = 0.1
-"""Share of the deflection's range that a turn must be undone by to count as one."""
+"""A turn counts whose way back is at least this share of the deflection's range."""
 _LOSES = 0.02
-"""Loss factor from which a loop is said to be hysteresis."""
+"""A loop with at least this loss factor is said to be hysteresis."""
 _BENDS = 0.15
 """Relative change of the stiffness from which a spring is said to soften or stiffen."""
 _LEVELS = 8

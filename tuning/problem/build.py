@@ -29,7 +29,7 @@ def build_estimator(config: Config) -> vsajax.estimators.AbstractEstimator:
 
 
 def number(bench: Any, path: str) -> jax.Array:
-    """Return the leaf at a dotted path of the study; `bench` is whatever has the tables it leads through."""
+    """Return the number at a dotted path of the study, from the built object that the path starts in."""
     return reduce(getattr, path.split("."), bench)
 
 

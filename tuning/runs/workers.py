@@ -1,4 +1,4 @@
-"""The work of a run as any process can do it: what to compute is shipped to it, how is imported.
+"""What a worker does: it receives what to compute as JSON, and imports the code.
 
 A process that computes its first chunk compiles; for those that follow it keeps the program.
 """

@@ -14,7 +14,7 @@ from tuning.study.statistic import Statistic
 
 _RESAMPLES = 5000
 _ROUNDING = 1e-9
-"""Relative difference below which two scores are one: a thousand times the rounding of sums over 1e4 samples."""
+"""Two scores are equal that differ by less than this share: a thousand times the rounding of 1e4 additions."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Structural choices: what is no number, e.g. which basis; every combination of options is a study of its own."""
+"""Choices between whole tables, such as which basis; every combination of their options is a study of its own."""
 
 from __future__ import annotations
 

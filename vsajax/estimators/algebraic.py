@@ -38,8 +38,8 @@ class Regression(NamedTuple):
         sample: the newest sample of the window.
         target: C.
         features: B.
-        share: 1 where the window lies within the recording, or may count as if it did; 0 where it does not; in
-            between for the last sample before, so that the fit is continuous in T.
+        share: weight of the row in the fit: 1 once the whole window lies within the recording, or may be taken to;
+            0 before; between the two at the sample where the window just fits, so that the fit is continuous in T.
     """
 
     sample: Sample

@@ -40,8 +40,9 @@ class StiffnessEstimator(AbstractEstimator):
         gate: when the answer is known.
         deflection: "filtered", link minus motor position both filtered, as the paper does; "raw", of the
             readings; "measured", a signal of its own.
-        matched: whether the features lag as the torque does, so that a slow observer biases nothing; it is the
-            answer's stiffness and torque that do not. Then the gains depend on the observer's gain too.
+        matched: pass the features through the observer's lag before the fit; this removes the bias of a slow
+            observer. The answer's stiffness and torque are those of the fit, without lag. The gains of the fit
+            then depend on the observer's gain too.
     """
 
     torque: AbstractTorqueSource

@@ -121,7 +121,7 @@ class Lowering:
         return self.known
 
     def keep(self, symbol: Symbol, storage: Storage) -> None:
-        """Put a value that lies in a variable of this function where it outlives it."""
+        """Copy a value from a local variable to storage that is still there when the function has returned."""
         value = self.known[id(symbol)]
         if any(read.storage.is_local for read in reads(value.at(loops_over(value.shape)[0]))):
             self._deliver(value, storage)
