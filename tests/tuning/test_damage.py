@@ -613,7 +613,7 @@ def words_of(run: Path) -> list[str]:
     return [str(word) for word in [*words, *(w for setting in (*SMALL, *TINY) for w in ("--set", setting))]]
 
 
-ONE_A_CHUNK = "from tuning import sweep; from tuning.cli import main; sweep._STEPS_PER_CHUNK = 1.0; main()"
+ONE_A_CHUNK = "from tuning.scoring import sweep; from tuning.cli import main; sweep._STEPS_PER_CHUNK = 1.0; main()"
 
 
 def command(*words: object, code: str = ONE_A_CHUNK) -> subprocess.CompletedProcess[str]:

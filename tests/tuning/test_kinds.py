@@ -128,7 +128,10 @@ def test_init_lists_every_shipped_file_and_copies_any(vsajax, tmp_path, monkeypa
     assert len({*listed.values()}) == len(listed)
     assert all(name in vsajax("init", "--list").out for name in listed)
     assert vsajax("init", "logs/hebi").code == 0
-    assert (tmp_path / "hebi.toml").read_bytes() == shipped_files()["logs/hebi"].read_bytes()
+    first, _, rest = (tmp_path / "hebi.toml").read_bytes().partition(b"\n")
+    assert (first, rest) == (b"#:schema map.schema.json", shipped_files()["logs/hebi"].read_bytes())
+    assert vsajax("init", "joints/awas").code == 0
+    assert (tmp_path / "awas.toml").read_bytes() == shipped_files()["joints/awas"].read_bytes()
 
 
 @pytest.mark.structure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,6 +47,7 @@ def init(
     from tuning.files.errors import input_error
     from tuning.files.shipped import find_shipped
     from tuning.files.whole import write_text
+    from tuning.study.schemas import name_in, schema_file, schema_of
 
     example = find_shipped(kind, f"KIND: got {kind!r}")
     if file is not None and output is not None:
@@ -54,31 +56,15 @@ def init(
     if target.exists():
         raise input_error(target, "exists already", "name another file, or remove it first")
     text = example.read_text(encoding="utf-8")
-    schema = _write_schema(text, target)
-    write_text(target, text if schema is None else f"#:schema {schema.name}\n{text}")
-    emit(
-        {"study": target, "schema": schema},
-        as_json=as_json,
-        quiet=quiet,
-        text=f"wrote {target}"
-        + ("" if schema is None else f", and {schema}, by which editors complete and check it"),
-        following=words("check", target),
-    )
-
-
-def _write_schema(text: str, target: Path) -> Path | None:
-    """Write the schema that a file follows beside it and return its path; nothing where it follows none."""
-    import tomllib
-
-    from tuning.files.whole import write_text
-    from tuning.study.schemas import name_in, schema_file, schema_of
-
     name = name_in(tomllib.loads(text))
-    if name is None:
-        return None
-    file = target.parent / schema_file(name)
-    write_text(file, json.dumps(schema_of(name), indent=2, ensure_ascii=False) + "\n")
-    return file
+    schema = None if name is None else target.parent / schema_file(name)
+    write_text(target, text if schema is None else f"#:schema {schema.name}\n{text}")
+    said = f"wrote {target}"
+    if schema is not None and name is not None:
+        write_text(schema, json.dumps(schema_of(name), indent=2, ensure_ascii=False) + "\n")
+        said += f", and {schema}, by which editors complete and check it"
+    following = words("check", target)
+    emit({"study": target, "schema": schema}, as_json=as_json, quiet=quiet, text=said, following=following)
 
 
 def _list_shipped(*, as_json: bool, quiet: bool) -> None:

@@ -40,7 +40,10 @@ def test_a_new_study_is_valid_and_prints_itself_in_full(kind, vsajax, tmp_path, 
     monkeypatch.chdir(tmp_path)
     ended = vsajax("init", kind)
     assert (ended.code, ended.err) == (0, "")
-    assert ended.out == f"wrote {kind}.toml\nNext: vsajax check {kind}.toml\n"
+    schema = f"{tomllib.loads((tmp_path / f'{kind}.toml').read_text())['kind']}.schema.json"
+    said = f"wrote {kind}.toml, and {schema}, by which editors complete and check it"
+    assert ended.out == f"{said}\nNext: vsajax check {kind}.toml\n"
+    assert (tmp_path / schema).is_file()
     assert "#" in (tmp_path / f"{kind}.toml").read_text()
     study = (load_arm_study if kind == "arm" else load_study)(tmp_path / f"{kind}.toml")
 
@@ -58,7 +61,8 @@ def test_a_new_study_is_valid_and_prints_itself_in_full(kind, vsajax, tmp_path, 
 @pytest.mark.cli
 def test_a_new_study_goes_where_it_is_told(vsajax, tmp_path):
     target = tmp_path / "deep" / "mine.toml"
-    assert answer(vsajax("init", "sea", target, "--json")) == {"study": str(target)}
+    schema = str(target.parent / "sea.schema.json")
+    assert answer(vsajax("init", "sea", target, "--json")) == {"study": str(target), "schema": schema}
     assert vsajax("init", "sea", tmp_path / "other.toml", "--quiet") == (0, "", "")
     assert load_study(target) == load_study(tmp_path / "other.toml")
 
