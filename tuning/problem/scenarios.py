@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -33,6 +34,12 @@ def draw_scenarios(study: Study, stream: Stream, count: int, start: int = 0) -> 
     shares = study.population.shares((study.seed, _STREAMS[stream]), start, count)
     numbers = study.population.values(shares, numeric_paths(study))
     return Scenario(keys, {path: jnp.asarray(values) for path, values in numbers.items()})
+
+
+def numbered_scenarios(study: Study, stream: Stream, numbers: Sequence[int]) -> Scenario:
+    """Return the scenarios of a stream that have these numbers, in this order."""
+    each = [draw_scenarios(study, stream, 1, number) for number in numbers]
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *each)
 
 
 @jax.jit

@@ -23,8 +23,6 @@ from tuning.study.ranges import EVERYTHING, Axis, Bounds, Reach
 from tuning.study.scores import Objective
 from tuning.study.statistic import Statistic
 
-SCHEMA_VERSION = 1
-
 Search = Literal["sweep", "tune"]
 """A table that says what is varied and over which range."""
 

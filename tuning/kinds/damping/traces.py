@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from tuning.kinds.damping.problem import DampingProblem
@@ -14,7 +12,7 @@ from tuning.kinds.damping.study import DampingStudy
 from tuning.pictures.page import Picture, number
 from tuning.pictures.style import ESTIMATE, TRUTH, new_figure
 from tuning.problem.interface import Scenario, Stream
-from tuning.problem.scenarios import draw_scenarios
+from tuning.problem.scenarios import numbered_scenarios
 from vsajax import ControlLoop, rollout
 
 _POINTS = 400
@@ -26,8 +24,8 @@ def show_swings(
     stream: Stream,
     shown: Sequence[int],
     *,
-    of: str = "",
-    cases: Mapping[int, str] = MappingProxyType({}),
+    of: str,
+    cases: Mapping[int, str],
 ) -> Iterator[Picture]:
     """Show where links are over time: bands over some scenarios, and over some others.
 
@@ -45,8 +43,7 @@ def show_swings(
 
 def _show_swings(study: DampingStudy, stream: Stream, numbers: Sequence[int], title: str) -> Picture:
     problem = DampingProblem(study)
-    each = [draw_scenarios(study, stream, 1, i) for i in numbers]
-    scenarios = jax.tree.map(lambda *x: jnp.concatenate(x), *each)
+    scenarios = numbered_scenarios(study, stream, numbers)
     kept = np.unique(np.linspace(0, problem.samples - 1, _POINTS).astype(int))
 
     def one(scenario: Scenario, given: ControlLoop) -> tuple[jax.Array, jax.Array]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from tuning.pictures.page import Picture, number
 from tuning.pictures.style import ESTIMATE, TRUTH, WIDTH, new_figure, quantiles
 from tuning.problem.build import with_leaves
 from tuning.problem.interface import Scenario, Stream
-from tuning.problem.scenarios import draw_scenarios
+from tuning.problem.scenarios import numbered_scenarios
 from vsajax import experiment, rollout
 
 _POINTS = 400
@@ -57,8 +56,7 @@ class Replay:
 def replay(study: EstimationStudy, stream: Stream, numbers: Sequence[int]) -> Replay:
     """Run the scenarios of a stream with given numbers again."""
     problem = EstimationProblem(study)
-    each = [draw_scenarios(study, stream, 1, number) for number in numbers]
-    scenarios = jax.tree.map(lambda *x: jnp.concatenate(x), *each)
+    scenarios = numbered_scenarios(study, stream, numbers)
     kept = np.unique(np.linspace(0, problem.samples - 1, _POINTS).astype(int))
 
     def one(scenario: Scenario, given: Given) -> tuple[jax.Array, ...]:
@@ -80,8 +78,8 @@ def show_estimates(
     stream: Stream,
     shown: Sequence[int],
     *,
-    of: str = "",
-    cases: Mapping[int, str] = MappingProxyType({}),
+    of: str,
+    cases: Mapping[int, str],
 ) -> Iterator[Picture]:
     """Show true and estimated stiffness over time: bands over some scenarios, and some others one by one.
 
