@@ -8,32 +8,49 @@ and, for controllers that damp by stiffness, ``score = metric(simulate(plant, co
 """
 
 from vsajax import (
-    antagonistic_loop,
-    arm_loop,
     arms,
-    closed_loop,
+    compliance,
     control,
-    estimated_loop,
     estimators,
-    experiment,
+    experiments,
     guard,
-    metrics,
+    moved,
     numerics,
     plants,
     rollout,
+    scores,
     sensing,
-    sensitivity,
-    settling,
+    solvers,
     switching,
 )
-from vsajax.closed_loop import ControlLoop, SwingMotion
-from vsajax.experiment import Bench, Truth, estimate, measure, score, simulate
+from vsajax.experiments.damping import ControlLoop, SwingMotion
+from vsajax.experiments.estimation import Bench, Truth, estimate, measure, score, simulate
 from vsajax.guard import Guarded
-from vsajax.metrics import Scorer, Scores
-from vsajax.settling import SwingScorer, SwingScores
+from vsajax.scores.estimates import Scorer, Scores
+from vsajax.scores.swings import SwingScorer, SwingScores
 from vsajax.types import Command, Estimate, MissingSignalError, PrecisionError, Recording, Sample, Swing
 
 __version__ = "0.1.0"
+
+_MOVED = {
+    "antagonistic_loop": "vsajax.experiments.antagonistic_damping",
+    "arm_loop": "vsajax.experiments.arm",
+    "closed_loop": "vsajax.experiments.damping",
+    "estimated_loop": "vsajax.experiments.estimated_damping",
+    "experiment": "vsajax.experiments.estimation",
+    "metrics": "vsajax.scores.estimates",
+    "sensitivity": "vsajax.rollout.sensitivity",
+    "settling": "vsajax.scores.swings",
+}
+_FROM_CONTROL = {
+    "compliance": ("passive", "active", "designer", "loaded", "pose", "impedance", "online"),
+    "solvers": ("active_set", "box", "enumeration", "interior_point", "spectrum", "working_set"),
+}
+moved.keep_modules(
+    {f"vsajax.{old}": new for old, new in _MOVED.items()}
+    | {f"vsajax.control.{name}": f"vsajax.{new}.{name}" for new, names in _FROM_CONTROL.items() for name in names}
+)
+__getattr__ = moved.old_names("vsajax", _MOVED)
 
 __all__ = [
     "Bench",
@@ -52,25 +69,21 @@ __all__ = [
     "SwingScorer",
     "SwingScores",
     "Truth",
-    "antagonistic_loop",
-    "arm_loop",
     "arms",
-    "closed_loop",
+    "compliance",
     "control",
     "estimate",
-    "estimated_loop",
     "estimators",
-    "experiment",
+    "experiments",
     "guard",
     "measure",
-    "metrics",
     "numerics",
     "plants",
     "rollout",
     "score",
+    "scores",
     "sensing",
-    "sensitivity",
-    "settling",
     "simulate",
+    "solvers",
     "switching",
 ]

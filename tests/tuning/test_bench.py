@@ -17,7 +17,7 @@ from tuning.bench.measure import Row, measure_kernel
 from tuning.bench.workload import AGREEMENT, Kernel, Workload
 from tuning.files.errors import InputError
 from tuning.problem.build import with_leaves
-from vsajax import closed_loop
+from vsajax.experiments import damping as closed_loop
 
 TWINS = ["awas_plant", "antagonistic_plant", "serial_estimator", "sweep", "algebraic_observer"]
 LOOPS = ["damping_loop", "damping_loop_sensed"]

@@ -11,7 +11,7 @@ from tests.tuning.builders import SERIAL, tiny_tuning
 from tuning.search.least_squares import GradientTuner
 from tuning.search.refine import Search
 from tuning.study.loading import load_study
-from vsajax import sensitivity
+from vsajax.rollout import sensitivity
 
 POINTS = 5
 

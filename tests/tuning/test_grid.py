@@ -19,7 +19,8 @@ from tuning.scoring import grid as grid_module
 from tuning.scoring.grid import Grid
 from tuning.study.loading import load_study
 from tuning.study.ranges import Reach
-from vsajax import Scores, experiment
+from vsajax import Scores
+from vsajax.experiments import estimation
 
 NOISE, BIAS, SPRING = "sensing.motor_torque.noise_std", "sensing.elastic_torque.bias", "joint.spring.linear"
 SHARED_MOTION = {GAIN: [100.0, 300.0], PRIOR: [0.1, 1.0, 10.0], NOISE: [1e-3, 1e-2]}
@@ -51,10 +52,10 @@ def looped(problem: EstimationProblem, axes, scenarios: int) -> dict[str, np.nda
 
     @eqx.filter_jit
     def run(bench, key) -> Scores:
-        truth = experiment.simulate(bench, key=jax.random.fold_in(key, 0), substeps=problem.substeps)
-        recording = experiment.measure(bench, truth, key=jax.random.fold_in(key, 1))
-        answer = experiment.estimate(bench.estimator, recording)
-        return experiment.score_estimate(truth.time, truth.motion.stiffness, answer, scorer=bench.scorer)
+        truth = estimation.simulate(bench, key=jax.random.fold_in(key, 0), substeps=problem.substeps)
+        recording = estimation.measure(bench, truth, key=jax.random.fold_in(key, 1))
+        answer = estimation.estimate(bench.estimator, recording)
+        return estimation.score_estimate(truth.time, truth.motion.stiffness, answer, scorer=bench.scorer)
 
     found = []
     for values in itertools.product(*axes.values()):

@@ -16,7 +16,7 @@ from tuning.kinds.estimation.substeps import try_substeps
 from tuning.problem.build import with_leaves
 from tuning.problem.scenarios import draw_scenarios
 from tuning.study.loading import load_study
-from vsajax import sensitivity
+from vsajax.rollout import sensitivity
 
 SHORT_SEA = ("clock.duration=0.2", "sweep={}", "tune={}")
 

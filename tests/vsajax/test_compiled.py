@@ -8,8 +8,9 @@ import pytest
 
 from tests.vsajax.builders import paper_basis, paper_estimator, paper_recording, residual_torque
 from tests.vsajax.programs import equations, held_shapes, scans
-from vsajax import Recording, Scorer, experiment
+from vsajax import Recording, Scorer
 from vsajax.estimators import ModifiedKinematicKalman, RecursiveLeastSquares
+from vsajax.experiments import estimation
 
 pytestmark = pytest.mark.structure
 
@@ -35,7 +36,7 @@ def estimator(gain=300.0, acceleration=5e9, prior=1.0):
 def test_batched_estimate_calls_no_library():
     # LAPACK in a scan body costs thirtyfold; so would a callback or a random number.
     shapes, axes = abstract_recording(100, 8)
-    run = jax.jit(jax.vmap(experiment.estimate, in_axes=(None, axes)))
+    run = jax.jit(jax.vmap(estimation.estimate, in_axes=(None, axes)))
     text = run.lower(estimator(), shapes).compile().as_text()
     assert "while" in text
     assert "custom-call" not in text
@@ -43,7 +44,7 @@ def test_batched_estimate_calls_no_library():
 
 
 def test_scan_bodies_hold_neither_reductions_nor_products_of_matrices(golden):
-    program = jax.make_jaxpr(experiment.estimate)(estimator(), paper_recording(golden, "residual", 20))
+    program = jax.make_jaxpr(estimation.estimate)(estimator(), paper_recording(golden, "residual", 20))
     bodies = [scan.params["jaxpr"] for scan in scans(program)]
     names = {equation.primitive.name for body in bodies for equation in equations(body)}
     assert "mul" in names
@@ -67,7 +68,7 @@ def test_a_thousand_parameter_values_share_one_trace(golden):
     def run(estimator):
         nonlocal traces
         traces += 1
-        return experiment.estimate(estimator, recording).stiffness[-1]
+        return estimation.estimate(estimator, recording).stiffness[-1]
 
     rng = np.random.default_rng(0)
     kinds = [float, np.float32, jnp.asarray, lambda x: int(x) + 1]
@@ -97,7 +98,7 @@ def scans_with_gains(function, recording) -> list[list[tuple[int, ...]]]:
 def judged(estimator, recording):
     """Return what sweeps and tuning compute: of a simulated recording, in which no sample is broken."""
     truth = jnp.ones_like(recording.time)
-    return experiment.score(estimator, recording, truth, scorer=Scorer()).msrep
+    return estimation.score(estimator, recording, truth, scorer=Scorer()).msrep
 
 
 @pytest.mark.parametrize(
@@ -125,7 +126,7 @@ def test_cost_grows_with_the_gain_axis_not_with_the_product(golden):
     recording = paper_recording(golden, "residual", 20)
 
     def flops(gains: int) -> float:
-        run = jax.jit(jax.vmap(lambda x: experiment.estimate(estimator(gain=x), recording).stiffness))
+        run = jax.jit(jax.vmap(lambda x: estimation.estimate(estimator(gain=x), recording).stiffness))
         return run.lower(jax.ShapeDtypeStruct((gains,), jnp.float64)).compile().cost_analysis()["flops"]
 
     few, many = flops(2), flops(34)
@@ -139,7 +140,7 @@ def test_reverse_gradient_fits_in_memory():
     stiffness = jax.ShapeDtypeStruct((samples, lanes), jnp.float64)
 
     def msrep(parameters, recording, stiffness):
-        return experiment.score(estimator(*parameters), recording, stiffness, scorer=Scorer()).msrep
+        return estimation.score(estimator(*parameters), recording, stiffness, scorer=Scorer()).msrep
 
     def total(parameters, recordings, stiffnesses):
         return jnp.sum(jax.vmap(msrep, (None, axes, 1))(parameters, recordings, stiffnesses))

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tests.vsajax.estimators.registry import ESTIMATORS, full_recording
-from vsajax import Guarded, Recording, Sample, experiment, rollout
-from vsajax.control import ArmReading
+from vsajax import Guarded, Recording, Sample, rollout
+from vsajax.compliance import ArmReading
 from vsajax.estimators import RecursiveLeastSquares
+from vsajax.experiments import estimation
 from vsajax.guard import LARGEST_READING, is_sound
 
 NAME = "sensor"
@@ -60,7 +61,7 @@ def test_online_and_over_a_recording_the_same_samples_are_left_out(name):
     kept = {s: getattr(recording, s) for s in Recording._fields if s in ESTIMATORS[name].needs}
     recording = Recording(recording.time, **kept)
     left_out = {k for k in (0, 40, 41, 80) if any(not abs(values[k]) < 1e9 for values in kept.values())}
-    one, other = online(ESTIMATORS[name], recording), experiment.estimate(ESTIMATORS[name], recording)
+    one, other = online(ESTIMATORS[name], recording), estimation.estimate(ESTIMATORS[name], recording)
     for answer in (one, other):
         assert set(np.flatnonzero(answer.held).tolist()) == left_out
         assert int(answer.skipped[-1]) == len(left_out)
@@ -73,15 +74,15 @@ def test_online_and_over_a_recording_the_same_samples_are_left_out(name):
 def test_a_sample_left_out_is_one_that_was_never_taken():
     recording = broken_at([7, 50, 51, 119], np.nan)
     sound = np.setdiff1d(np.arange(120), [7, 50, 51, 119])
-    whole = experiment.estimate(ESTIMATORS[NAME], recording)
-    shorter = experiment.estimate(ESTIMATORS[NAME], jax.tree.map(lambda x: x[sound], recording))
+    whole = estimation.estimate(ESTIMATORS[NAME], recording)
+    shorter = estimation.estimate(ESTIMATORS[NAME], jax.tree.map(lambda x: x[sound], recording))
     assert np.array_equal(whole.stiffness[sound], shorter.stiffness)
     assert np.array_equal(whole.stiffness[50:52], np.repeat(whole.stiffness[49], 2))
 
 
 @pytest.mark.failure
 def test_nothing_sound_is_nothing_known():
-    answer = experiment.estimate(ESTIMATORS[NAME], broken_at(range(120), np.nan))
+    answer = estimation.estimate(ESTIMATORS[NAME], broken_at(range(120), np.nan))
     assert answer.held.all()
     assert not answer.known.any()
     assert np.isinf(answer.stiffness_std).all()

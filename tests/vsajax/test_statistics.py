@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from vsajax import Bench, Scorer, experiment
+from vsajax import Bench, Scorer
 from vsajax.estimators import (
     ExcitationGate,
     RecursiveLeastSquares,
@@ -12,6 +12,7 @@ from vsajax.estimators import (
     SeparableOddPolynomial,
     StiffnessEstimator,
 )
+from vsajax.experiments import estimation
 from vsajax.plants import FlexibleJoint, LinearSpring, Link, Motor
 from vsajax.sensing import Clock, Excitation, Sensor, SensorSuite, Sine
 
@@ -44,12 +45,12 @@ def draws(request):
 
     @jax.jit
     def run(keys):
-        truth = experiment.simulate(lab, key=jax.random.key(0), substeps=1)
+        truth = estimation.simulate(lab, key=jax.random.key(0), substeps=1)
 
         def one(key):
-            recording = experiment.measure(lab, truth, key=key)
-            answer = experiment.estimate(lab.estimator, recording)
-            scores = experiment.score_estimate(truth.time, truth.motion.stiffness, answer, scorer=lab.scorer)
+            recording = estimation.measure(lab, truth, key=key)
+            answer = estimation.estimate(lab.estimator, recording)
+            scores = estimation.score_estimate(truth.time, truth.motion.stiffness, answer, scorer=lab.scorer)
             return answer, scores
 
         return jax.vmap(one)(keys)

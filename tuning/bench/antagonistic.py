@@ -13,8 +13,9 @@ from tuning.bench.opponent import Opponent
 from tuning.bench.recordings import Lanes, intervals_of, record_joints
 from tuning.bench.workload import Kernel, Workload
 from tuning.problem.build import number
-from vsajax import Bench, experiment, rollout
+from vsajax import Bench, rollout
 from vsajax.estimators import windows
+from vsajax.experiments import estimation
 
 _WINDOW = 1.0
 _SIDE = "estimator.side."
@@ -57,7 +58,7 @@ def _prepare(lanes: int, settings: Sequence[str]) -> Workload:
 
     def observer(own: Lanes, shared: tuple[Bench, jax.Array]) -> jax.Array:
         bench, time = shared
-        return experiment.score(bench.estimator, own.recording(time), own.stiffness, scorer=bench.scorer).msrep
+        return estimation.score(bench.estimator, own.recording(time), own.stiffness, scorer=bench.scorer).msrep
 
     program = jax.jit(lambda own, shared: rollout.map_lanes(observer, own, shared))
     on_position, on_torque = (np.ascontiguousarray(c[::-1]) for c in responses_of(bench, sample_time))

@@ -15,7 +15,8 @@ from tuning.kinds.damping.study import DampingStudy
 from tuning.problem.build import with_leaves
 from tuning.problem.scenarios import draw_scenarios
 from tuning.study.loading import load_study
-from vsajax import ControlLoop, closed_loop, rollout
+from vsajax import ControlLoop, rollout
+from vsajax.experiments import damping
 
 _CONTROLLER = "controller={type='switch', soft=0.3, stiff=1.0, rule={type='conic', lead=0.03, slope=9.0}}"
 _MECHANICAL = ("plant.mechanism.link.inertia", "impact.impulse", "plant.actuator.travel_time")
@@ -38,7 +39,7 @@ def _prepare(lanes: int, settings: Sequence[str], *, sensed: bool) -> Workload:
 
     def one(lane: tuple[dict[str, jax.Array], jax.Array], shared: ControlLoop) -> jax.Array:
         numbers, key = lane
-        scores = closed_loop.score(with_leaves(shared, numbers), key=key, substeps=problem.substeps)
+        scores = damping.score(with_leaves(shared, numbers), key=key, substeps=problem.substeps)
         return jnp.stack(list(scores))
 
     program = jax.jit(lambda lanes, shared: rollout.map_lanes(one, lanes, shared))

@@ -15,7 +15,8 @@ from tuning.files.shipped import example_path
 from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.kinds.estimation.study import load_estimation
 from tuning.problem.build import number, with_leaves
-from vsajax import Bench, experiment, rollout
+from vsajax import Bench, rollout
+from vsajax.experiments import estimation
 
 Kind = Literal["serial", "antagonistic"]
 
@@ -71,7 +72,7 @@ def _prepare(
 
     def plant(own: dict[str, jax.Array], shared: Bench) -> jax.Array:
         joint = with_leaves(shared, own)
-        motion = experiment.simulate(joint, key=jax.random.key(0), substeps=substeps).motion
+        motion = estimation.simulate(joint, key=jax.random.key(0), substeps=substeps).motion
         return jnp.stack([jnp.mean(motion.stiffness), motion.link_position[-1]])
 
     @jax.jit

@@ -11,7 +11,8 @@ import numpy as np
 from tuning.bench.joints import AWAS, MENARD, Kind, spread
 from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.problem.build import with_leaves
-from vsajax import Bench, Recording, experiment, rollout
+from vsajax import Bench, Recording, rollout
+from vsajax.experiments import estimation
 
 _SIGNALS: dict[Kind, tuple[str, ...]] = {
     "serial": ("link_position", "motor_position", "setpoint_position", "motor_torque"),
@@ -49,8 +50,8 @@ def record_joints(problem: EstimationProblem, kind: Kind, lanes: int) -> tuple[j
     def record(own: tuple[dict[str, jax.Array], jax.Array], shared: Bench) -> Lanes:
         values, key = own
         bench = with_leaves(shared, values)
-        truth = experiment.simulate(bench, key=key, substeps=substeps)
-        recording = experiment.measure(bench, truth, key=key)
+        truth = estimation.simulate(bench, key=key, substeps=substeps)
+        recording = estimation.measure(bench, truth, key=key)
         return Lanes({name: getattr(recording, name) for name in names}, truth.motion.stiffness)
 
     values = {path: jnp.asarray(column) for path, column in spread(problem.bench, paths, lanes).items()}

@@ -19,7 +19,9 @@ from tuning.problem.build import number, with_leaves
 from tuning.problem.scenarios import draw_scenarios
 from tuning.scoring.grid import Grid
 from tuning.search.least_squares import LANES_PER_CHUNK
-from vsajax import Bench, Scores, experiment, rollout, sensitivity
+from vsajax import Bench, Scores, rollout
+from vsajax.experiments import estimation
+from vsajax.rollout import sensitivity
 
 GAIN, PRIOR = "estimator.torque.observer_gain", "estimator.fit.prior_scale"
 _FILTER = "estimator.velocity."
@@ -62,7 +64,7 @@ def _settings(bench: Bench) -> np.ndarray:
 def _score(values: dict[str, jax.Array], own: Lanes, shared: tuple[Bench, jax.Array]) -> Scores:
     bench, time = shared
     estimator = with_leaves(bench, values).estimator
-    return experiment.score(estimator, own.recording(time), own.stiffness, scorer=bench.scorer)
+    return estimation.score(estimator, own.recording(time), own.stiffness, scorer=bench.scorer)
 
 
 def _recorded(lanes: int, settings: Sequence[str], deflection: str) -> tuple[EstimationProblem, jax.Array, Lanes]:
@@ -96,20 +98,20 @@ def _gradient(lanes: int, settings: Sequence[str]) -> Workload:
     problem, time, recordings = _recorded(lanes, settings, "raw")
     z = jnp.log(jnp.stack([number(problem.bench, path) for path in TUNED]))
 
-    def observe(own: Lanes, bench: Bench) -> experiment.Observed:
-        return experiment.observe(own.recording(time), own.stiffness, scorer=bench.scorer)
+    def observe(own: Lanes, bench: Bench) -> estimation.Observed:
+        return estimation.observe(own.recording(time), own.stiffness, scorer=bench.scorer)
 
     def mean_of(function: Callable[[Callable[..., sensitivity.Loop], jax.Array], jax.Array]) -> Any:
-        def of_one(own: experiment.Observed, shared: tuple[jax.Array, Bench]) -> jax.Array:
+        def of_one(own: estimation.Observed, shared: tuple[jax.Array, Bench]) -> jax.Array:
             z, bench = shared
 
             def loop_at(z: jax.Array) -> sensitivity.Loop:
                 values: dict[str, jax.Array] = dict(zip(TUNED, jnp.exp(z), strict=True))
-                return experiment.residual_loop(with_leaves(bench, values).estimator, own, scorer=bench.scorer)
+                return estimation.residual_loop(with_leaves(bench, values).estimator, own, scorer=bench.scorer)
 
             return function(loop_at, z)
 
-        def mean(own: experiment.Observed, shared: tuple[jax.Array, Bench]) -> jax.Array:
+        def mean(own: estimation.Observed, shared: tuple[jax.Array, Bench]) -> jax.Array:
             return jnp.mean(rollout.map_lanes(of_one, own, shared, chunk=LANES_PER_CHUNK), axis=0)
 
         return jax.jit(mean)

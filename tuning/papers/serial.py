@@ -20,7 +20,8 @@ from tuning.problem.build import build_estimator
 from tuning.problem.interface import Scenario
 from tuning.problem.scenarios import draw_scenarios
 from tuning.scoring.grid import Grid
-from vsajax import Estimate, Truth, experiment, rollout
+from vsajax import Estimate, Truth, rollout
+from vsajax.experiments import estimation
 
 _TITLE = "Flacco et al., IROS 2011: serial adjustable-stiffness joint"
 _SEEDS, _MANY_SEEDS = 256, 4096
@@ -50,7 +51,7 @@ class _Run:
     """One scenario of a modality: truth, and the estimate over it."""
 
     truth: Truth
-    recording: experiment.Recording
+    recording: estimation.Recording
     answer: Estimate
 
 
@@ -58,7 +59,7 @@ def _run(study: EstimationStudy, scenario: int = 0) -> _Run:
     problem = EstimationProblem(study)
     drawn = jax.tree.map(lambda x: x[0], draw_scenarios(study, "train", 1, scenario))
     truth, recording = problem.record(drawn, problem.given)
-    return _Run(truth, recording, jax.jit(experiment.estimate)(build_estimator(study), recording))
+    return _Run(truth, recording, jax.jit(estimation.estimate)(build_estimator(study), recording))
 
 
 def reproduce(folder: Path | None) -> Report:
@@ -121,7 +122,7 @@ def _reference_rows() -> list[Row]:
     def msrep(noise: jax.Array) -> jax.Array:
         recording = silent._replace(motor_torque=clean + noise)
         bench = problem.bench
-        return experiment.score(bench.estimator, recording, truth.motion.stiffness, scorer=bench.scorer).msrep
+        return estimation.score(bench.estimator, recording, truth.motion.stiffness, scorer=bench.scorer).msrep
 
     draws = np.stack([np.random.default_rng(seed).normal(0.0, std, clean.size) for seed in range(_SEEDS)])
     values = np.asarray(jax.jit(lambda noise: rollout.map_lanes(lambda one, _: msrep(one), noise))(draws))

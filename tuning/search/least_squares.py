@@ -20,11 +20,12 @@ from tuning.problem.interface import Differentiable, Scenario
 from tuning.search.descent import Algorithm, Descended, descent, ending
 from tuning.search.space import Space, Vector
 from tuning.study.ranges import Reach
-from vsajax import experiment, rollout
+from vsajax import rollout
+from vsajax.experiments import estimation
 
 LANES_PER_CHUNK = 128
 """A chunk of several is copied out of all recordings; a single one, on every core, is not."""
-Lane = tuple[Scenario, experiment.Observed | None]
+Lane = tuple[Scenario, estimation.Observed | None]
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class GradientTuner:
     max_steps: int = 60
 
     @cached_property
-    def observed(self) -> experiment.Observed | None:
+    def observed(self) -> estimation.Observed | None:
         """What is recorded in every scenario; `None` where the tuned numbers change it."""
         problem = self.problem
         if any(Reach.RECORDING in problem.study.reach(path) for path in self.space.paths):

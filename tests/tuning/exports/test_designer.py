@@ -18,8 +18,8 @@ from tuning.exports.ranges import Range
 from tuning.files.shipped import CONFIGS
 from tuning.kinds.arm.problem import build_problem
 from tuning.kinds.arm.study import load_arm_study
-from vsajax.control import ArmReading, CartesianImpedance, Status
-from vsajax.control.online import displacement
+from vsajax.compliance import ArmReading, CartesianImpedance, Status
+from vsajax.compliance.online import displacement
 
 ARM = CONFIGS / "studies" / "arm.toml"
 TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]

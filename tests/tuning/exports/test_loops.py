@@ -17,7 +17,7 @@ from tuning.exports.c99.generate import generate
 from tuning.exports.c99.printing import expression
 from tuning.exports.program import trace
 from vsajax import numerics, rollout
-from vsajax.control import eigen
+from vsajax.solvers import eigen
 from vsajax.types import as_leaf
 
 

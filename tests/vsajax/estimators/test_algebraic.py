@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vsajax import Recording, Scorer, experiment
+from vsajax import Recording, Scorer
 from vsajax.estimators import (
     AlgebraicObserver,
     AntagonisticPair,
@@ -18,6 +18,7 @@ from vsajax.estimators import (
     Taylor,
     windows,
 )
+from vsajax.experiments import estimation
 
 INERTIA, DAMPING, SAMPLE_TIME, WINDOW = 1e-4, 1.27, 1e-3, 0.2
 
@@ -46,7 +47,7 @@ def consistent_recording(samples: int = 800, offset: float = 0.0) -> tuple[Recor
 @pytest.mark.parametrize("start", ["window", "rest"])
 def test_stiffness_of_a_consistent_motion_is_found(start):
     recording, stiffness = consistent_recording()
-    answer = experiment.estimate(observer(fit=RecursiveLeastSquares(1e20), start=start), recording)
+    answer = estimation.estimate(observer(fit=RecursiveLeastSquares(1e20), start=start), recording)
     if start == "window":
         # Measured 2e-9, 24 times more at twice the sample time: the identity's O(T_s⁴). At P(0) = 1e16 the prior
         # alone would cost 1.6e-5.
@@ -79,7 +80,7 @@ def test_fit_is_ridge_regression_on_convolved_signals(weighting, weight):
     prior = 1e8
     coefficients = np.linalg.solve(rows.T @ rows + np.eye(3) / prior, rows.T @ target)
     estimator = observer(fit=RecursiveLeastSquares(prior), weighting=weighting)
-    answer = experiment.estimate(estimator, recording)
+    answer = estimation.estimate(estimator, recording)
     slopes = np.array([1.0, phi[-1], phi[-1] ** 2 / 2])
     # 600 recursive steps at a condition number near 1e6.
     assert answer.stiffness[-1] == pytest.approx(slopes @ coefficients, rel=1e-9)
@@ -92,10 +93,10 @@ def test_online_is_offline(start, filtered):
     recording, _ = consistent_recording(420, offset=2.0)
     velocity = KinematicKalman(1e3, 1e-6) if filtered else None
     estimator = observer(fit=RecursiveLeastSquares(1e6), start=start, velocity=velocity)
-    offline = experiment.estimate(estimator, recording)
+    offline = estimation.estimate(estimator, recording)
     samples = recording.samples()
     first = jax.tree.map(lambda x: x[0], samples)
-    online = experiment.rollout.scan(estimator.step, estimator.init(first), samples)[1]
+    online = estimation.rollout.scan(estimator.step, estimator.init(first), samples)[1]
     scale = float(jnp.max(jnp.abs(offline.stiffness)))
     # The convolution's rounding, 1e-16 of the signals, relative to C, which cancels to 1e-3 of them.
     np.testing.assert_allclose(online.stiffness, offline.stiffness, atol=1e-11 * scale)
@@ -108,8 +109,8 @@ def test_continuous_weight_is_sample_weight_with_a_smaller_prior():
     sampled = observer(fit=RecursiveLeastSquares(1e10 * SAMPLE_TIME))
     continuous = observer(fit=RecursiveLeastSquares(1e10), weighting="continuous")
     np.testing.assert_allclose(
-        experiment.estimate(sampled, recording).stiffness,
-        experiment.estimate(continuous, recording).stiffness,
+        estimation.estimate(sampled, recording).stiffness,
+        estimation.estimate(continuous, recording).stiffness,
         rtol=1e-9,
     )
 
@@ -123,7 +124,7 @@ def test_scale_free_prior_does_not_see_the_unit_of_the_basis():
     one = observer(basis=basis, fit=RecursiveLeastSquares(1e3), scaling="scale_free")
     two = observer(basis=other, fit=RecursiveLeastSquares(1e3 * 1e-6), scaling="scale_free")
     np.testing.assert_allclose(
-        experiment.estimate(one, recording).stiffness, experiment.estimate(two, recording).stiffness, rtol=1e-9
+        estimation.estimate(one, recording).stiffness, estimation.estimate(two, recording).stiffness, rtol=1e-9
     )
 
 
@@ -134,7 +135,7 @@ def test_error_is_differentiable_in_the_window():
 
     def error(window: jax.Array) -> jax.Array:
         estimator = eqx.tree_at(lambda e: e.window, base, window)
-        return experiment.score(
+        return estimation.score(
             estimator, recording, jnp.asarray(stiffness), scorer=Scorer(warm_up=0.4)
         ).msrep_settled
 
@@ -155,7 +156,7 @@ def test_pair_adds_its_sides():
         motor2_torque=recording.motor_torque,
     )
     side = observer(fit=RecursiveLeastSquares(1e12))
-    one, pair = experiment.estimate(side, recording), experiment.estimate(AntagonisticPair(side), both)
+    one, pair = estimation.estimate(side, recording), estimation.estimate(AntagonisticPair(side), both)
     np.testing.assert_allclose(pair.stiffness, 2.0 * one.stiffness, rtol=1e-12)
     np.testing.assert_allclose(pair.stiffness_std, np.sqrt(2.0) * one.stiffness_std, rtol=1e-12)
     assert AntagonisticPair(side).needs == {
@@ -173,7 +174,7 @@ def test_incomplete_windows_are_no_samples():
     # Counted as samples, 200 empty rows would have made the first complete one look certain: a deviation of 0.
     recording, _ = consistent_recording(samples=260)
     noise = 0.05 * np.random.default_rng(6).normal(size=260)
-    answer = experiment.estimate(observer(), recording._replace(motor_torque=recording.motor_torque + noise))
+    answer = estimation.estimate(observer(), recording._replace(motor_torque=recording.motor_torque + noise))
     complete = round(WINDOW / SAMPLE_TIME)
     size = 3
     assert np.all(np.isinf(answer.stiffness_std[: complete + size]))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.vsajax.estimators.registry import ESTIMATORS, full_recording
-from vsajax import MissingSignalError, estimators, experiment
+from vsajax import MissingSignalError, estimators
+from vsajax.experiments import estimation
 
 pytestmark = pytest.mark.contract
 
@@ -31,7 +32,7 @@ def test_registry_holds_every_estimator():
 def test_online_is_offline(estimator):
     # What runs on a robot, one sample after the other, is what was tuned on recordings.
     recording = full_recording()
-    offline = jax.jit(experiment.estimate)(estimator, recording)
+    offline = jax.jit(estimation.estimate)(estimator, recording)
     samples, step = recording.samples(), jax.jit(lambda e, s, x: e.step(s, x))
     state, online = estimator.init(jax.tree.map(lambda x: x[0], samples)), []
     for k in range(len(recording.time)):
@@ -64,15 +65,15 @@ def test_needs_suffice_and_each_is_missed(estimator):
     recording = full_recording(4)
     unneeded = {name: None for name in recording._fields if name not in {"time", *estimator.needs}}
     sufficient = recording._replace(**unneeded)
-    assert jax.eval_shape(experiment.estimate, estimator, sufficient).stiffness.shape == (4,)
+    assert jax.eval_shape(estimation.estimate, estimator, sufficient).stiffness.shape == (4,)
     for name in estimator.needs:
         with pytest.raises(MissingSignalError):
-            jax.eval_shape(experiment.estimate, estimator, sufficient._replace(**{name: None}))
+            jax.eval_shape(estimation.estimate, estimator, sufficient._replace(**{name: None}))
 
 
 @each_estimator
 def test_answers_are_finite_and_uncertainty_is_not_negative(estimator):
-    answer = jax.jit(experiment.estimate)(estimator, full_recording())
+    answer = jax.jit(estimation.estimate)(estimator, full_recording())
     assert np.all(np.isfinite(answer.stiffness))
     assert np.all(answer.stiffness_std >= 0.0)
     assert not answer.known[0]

@@ -8,7 +8,7 @@ import pytest
 
 from tests.vsajax.builders import paper_basis, paper_estimator, paper_recording, residual_torque
 from tests.vsajax.programs import held_shapes, scans
-from vsajax import Recording, Scorer, experiment, sensitivity
+from vsajax import Recording, Scorer
 from vsajax.estimators import (
     ExponentialForgetting,
     FiniteDifference,
@@ -17,6 +17,8 @@ from vsajax.estimators import (
     SensorTorque,
     StiffnessEstimator,
 )
+from vsajax.experiments import estimation
+from vsajax.rollout import sensitivity
 
 pytestmark = pytest.mark.gradient
 
@@ -36,8 +38,8 @@ def tuned(log_parameters: jax.Array) -> StiffnessEstimator:
 
 
 def msrep(estimator: StiffnessEstimator, recording: Recording, stiffness: jax.Array) -> jax.Array:
-    observed = experiment.observe(recording, stiffness, scorer=Scorer())
-    return sensitivity.sum_of_squares(experiment.residual_loop(estimator, observed, scorer=Scorer()))
+    observed = estimation.observe(recording, stiffness, scorer=Scorer())
+    return sensitivity.sum_of_squares(estimation.residual_loop(estimator, observed, scorer=Scorer()))
 
 
 def assert_finite(tree) -> None:
@@ -126,7 +128,7 @@ def test_every_answer_carries_the_priors_closed_form_derivative(golden):
 
     def answers(log_prior):
         fit = RecursiveLeastSquares(jnp.exp(log_prior))
-        estimate = experiment.estimate(
+        estimate = estimation.estimate(
             paper_estimator(residual_torque(), basis=paper_basis(2, 2), fit=fit), recording
         )
         signals = estimate.signals
@@ -157,8 +159,8 @@ def test_the_covariance_has_a_derivative_only_where_the_features_have_one(golden
     def residuals(log_parameters):
         own = tuned(log_parameters)
         estimator = StiffnessEstimator(own.torque, basis, own.fit, own.velocity, deflection=deflection)
-        observed = experiment.observe(recording, jnp.ones(16), scorer=Scorer())
-        return sensitivity.run(experiment.residual_loop(estimator, observed, scorer=Scorer()))
+        observed = estimation.observe(recording, jnp.ones(16), scorer=Scorer())
+        return sensitivity.run(estimation.residual_loop(estimator, observed, scorer=Scorer()))
 
     program = jax.make_jaxpr(jax.jacfwd(residuals))(jnp.asarray(AT))
     covariances = [sum(shape.count(basis.size) == 2 for shape in held_shapes(loop)) for loop in scans(program)]

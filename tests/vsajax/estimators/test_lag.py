@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vsajax import Recording, experiment
+from vsajax import Recording
 from vsajax.estimators import RecursiveLeastSquares, ResidualTorque, SeparableOddPolynomial, StiffnessEstimator
+from vsajax.experiments import estimation
 
 INERTIA, GEAR, STIFFNESS, ZERO = 2e-5, 50.0, 120.0, 0.004
 
@@ -41,7 +42,7 @@ def estimator(gain: float, *, matched: bool) -> StiffnessEstimator:
 @pytest.mark.parametrize("irregular", [False, True])
 @pytest.mark.parametrize("gain", [5.0, 40.0])
 def test_matched_features_find_the_stiffness_whatever_the_observers_gain(gain, irregular):
-    answer = jax.jit(experiment.estimate)(estimator(gain, matched=True), recording(irregular=irregular))
+    answer = jax.jit(estimation.estimate)(estimator(gain, matched=True), recording(irregular=irregular))
     # Residual and features pass one and the same linear recursion: the line is exact but for prior and rounding.
     np.testing.assert_allclose(answer.stiffness[-1], STIFFNESS, rtol=1e-6)
     torque = STIFFNESS * (np.asarray(answer.signals.deflection) - ZERO)
@@ -51,7 +52,7 @@ def test_matched_features_find_the_stiffness_whatever_the_observers_gain(gain, i
 @pytest.mark.analytic
 def test_unmatched_features_are_biased_by_a_slow_observer():
     # At 1.3 Hz an observer of 5 1/s passes 52 % of the torque, turned by 58°: the slope loses most of it.
-    answer = jax.jit(experiment.estimate)(estimator(5.0, matched=False), recording(irregular=False))
+    answer = jax.jit(estimation.estimate)(estimator(5.0, matched=False), recording(irregular=False))
     assert answer.stiffness[-1] < 0.4 * STIFFNESS
 
 
@@ -60,7 +61,7 @@ def test_the_answers_derivative_by_the_gain_is_that_of_finite_differences():
     data = recording(irregular=True)
 
     def last(gain: jax.Array) -> jax.Array:
-        return experiment.estimate(
+        return estimation.estimate(
             StiffnessEstimator(
                 ResidualTorque(gain, INERTIA, 1e-3, GEAR),
                 SeparableOddPolynomial(0.03),

@@ -7,7 +7,7 @@ from tests.oracles import least_squares, residual
 from tests.oracles.basis import separable
 from tests.oracles.kalman import mkkf
 from tests.vsajax.builders import PITCH, paper_basis, paper_estimator, paper_recording, residual_torque
-from vsajax import Estimate, MissingSignalError, PrecisionError, Recording, experiment
+from vsajax import Estimate, MissingSignalError, PrecisionError, Recording
 from vsajax.estimators import (
     EnhancedFactor,
     FiniteDifference,
@@ -16,6 +16,7 @@ from vsajax.estimators import (
     SensorTorque,
     StiffnessEstimator,
 )
+from vsajax.experiments import estimation
 from vsajax.plants import LeverSpring
 
 ALL = {"model": SensorTorque(), "sensor": SensorTorque(), "residual": residual_torque()}
@@ -23,7 +24,7 @@ ALL = {"model": SensorTorque(), "sensor": SensorTorque(), "residual": residual_t
 
 @jax.jit
 def estimate(estimator: StiffnessEstimator, recording: Recording) -> Estimate:
-    return experiment.estimate(estimator, recording)
+    return estimation.estimate(estimator, recording)
 
 
 def assert_full_scale(ours, theirs, relative):
@@ -105,10 +106,10 @@ def test_needs_are_exactly_what_a_recording_must_have(golden, deflection, source
     signals = paper_recording(golden, "residual", 4)._replace(elastic_torque=jnp.zeros(4), deflection=jnp.zeros(4))
     unneeded = {name: None for name in signals._fields if name not in {"time", *estimator.needs}}
     sufficient = signals._replace(**unneeded)
-    assert jax.eval_shape(experiment.estimate, estimator, sufficient).stiffness.shape == (4,)
+    assert jax.eval_shape(estimation.estimate, estimator, sufficient).stiffness.shape == (4,)
     for name in estimator.needs:
         with pytest.raises(MissingSignalError, match=rf"needs the signal {name}, which the recording lacks"):
-            jax.eval_shape(experiment.estimate, estimator, sufficient._replace(**{name: None}))
+            jax.eval_shape(estimation.estimate, estimator, sufficient._replace(**{name: None}))
 
 
 @pytest.mark.failure
@@ -120,7 +121,7 @@ def test_missing_signal_says_what_is_there_and_the_way_out(golden):
         r"deflection or basis\."
     )
     with pytest.raises(MissingSignalError, match=message):
-        experiment.estimate(paper_estimator(SensorTorque()), recording)
+        estimation.estimate(paper_estimator(SensorTorque()), recording)
 
 
 @pytest.mark.failure
@@ -130,7 +131,7 @@ def test_single_precision_is_refused_with_the_way_out(golden):
     with jax.enable_x64(False):
         recording, estimator = paper_recording(signals, "sensor", 4), paper_estimator()
         with pytest.raises(PrecisionError, match=message):
-            experiment.estimate(estimator, recording)
+            estimation.estimate(estimator, recording)
 
 
 @pytest.mark.equivalence

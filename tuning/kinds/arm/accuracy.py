@@ -23,7 +23,7 @@ from tuning.kinds.arm.study import ArmStudy
 from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save
 from tuning.runs.folder import read_results, read_table
 from vsajax import rollout
-from vsajax.control import stiffness_errors
+from vsajax.compliance import stiffness_errors
 
 _FROM_RUN = "run"
 _LEAST = 0.05

@@ -18,7 +18,7 @@ from tuning.kinds.arm.study import ArmStudy
 from tuning.study.base import Base
 from tuning.study.parts.base import Part
 from vsajax.arms import task_scale
-from vsajax.control import ArmController, ArmReading
+from vsajax.compliance import ArmController, ArmReading
 
 _RATE = 100.0
 """Cycles a second of the golden recording; the step knows no time."""

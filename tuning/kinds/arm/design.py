@@ -14,7 +14,7 @@ from tuning.kinds.arm.names import shown
 from tuning.kinds.arm.problem import ArmProblem, Outcome, pose_of
 from tuning.kinds.arm.study import ArmStudy
 from vsajax.arms import task_scale
-from vsajax.control import Status, StiffnessDesign
+from vsajax.compliance import Status, StiffnessDesign
 
 _MATRICES = ("passive_stiffness", "active_stiffness", "serial_stiffness")
 _BOUND = {-1: "upper", 0: "free", 1: "lower"}

@@ -19,7 +19,8 @@ from tuning.kinds.arm.study import ArmStudy
 from tuning.pictures.style import ESTIMATE, OTHER, QUIET, new_figure, save
 from tuning.terminal.progress import Advance
 from vsajax import rollout
-from vsajax.control import PoseSearch, fit_passive, hand_compliance, improve_pose, inverse, reach, stiffness_errors
+from vsajax.compliance import PoseSearch, fit_passive, hand_compliance, improve_pose, reach, stiffness_errors
+from vsajax.solvers import inverse
 
 _IN_PLACE = 1e-7
 

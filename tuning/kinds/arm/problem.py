@@ -17,7 +17,7 @@ from tuning.kinds.arm.robots import arm_of
 from tuning.kinds.arm.study import ArmStudy, check_joints
 from vsajax import rollout
 from vsajax.arms import SerialArm, scaled_rows, task_scale
-from vsajax.control import (
+from vsajax.compliance import (
     Status,
     StiffnessBounds,
     StiffnessDesign,

@@ -15,7 +15,7 @@ from tuning.kinds.arm.problem import ArmProblem, Outcome, outcomes, told_statuse
 from tuning.kinds.arm.run import write_run
 from tuning.kinds.arm.study import ArmStudy
 from tuning.pictures.style import ESTIMATE, OTHER, new_figure, save
-from vsajax.control import Status
+from vsajax.compliance import Status
 
 Columns = dict[str, np.ndarray]
 

@@ -15,8 +15,9 @@ from tuning.kinds.damping.study import DampingStudy
 from tuning.problem.build import build, with_leaves
 from tuning.problem.interface import Outcome, Scenario, Status, Values, Vector
 from tuning.problem.replay import replayed, require_finite
-from vsajax import ControlLoop, SwingMotion, closed_loop
-from vsajax.closed_loop import Exchange
+from vsajax import ControlLoop, SwingMotion
+from vsajax.experiments import damping
+from vsajax.experiments.damping import Exchange
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class DampingProblem:
     def motion(self, scenario: Scenario, given: ControlLoop) -> SwingMotion:
         """Return the motion in a scenario."""
         loop = with_leaves(given, scenario.numbers)
-        return closed_loop.simulate(loop, key=scenario.key, substeps=self.substeps)
+        return damping.simulate(loop, key=scenario.key, substeps=self.substeps)
 
     def columns(self, scenario: Scenario, given: ControlLoop) -> dict[str, Array]:
         """Return the motion of a scenario by name, each `(time,)`."""
@@ -77,12 +78,12 @@ class DampingProblem:
     def exchange(self, scenario: Scenario, given: ControlLoop) -> Exchange:
         """Return what the joint's controller was told in a scenario, and what it answered."""
         loop = with_leaves(given, scenario.numbers)
-        return closed_loop.exchanges(loop, key=scenario.key, substeps=self.substeps)[0]
+        return damping.exchanges(loop, key=scenario.key, substeps=self.substeps)[0]
 
     def outcome(self, values: Values, scenario: Scenario, given: ControlLoop) -> Outcome:
         """Return the scores at `values` in a scenario, and whether they count."""
         loop = with_leaves(given, {**scenario.numbers, **values})
-        scores = closed_loop.score(loop, key=scenario.key, substeps=self.substeps)
+        scores = damping.score(loop, key=scenario.key, substeps=self.substeps)
         return Outcome(scores, jnp.where(scores.diverged > 0, Status.MOTION_DIVERGED, Status.OK))
 
     def objective(
@@ -110,7 +111,7 @@ class DampingProblem:
 
     def _residuals(self, values: Values, scenario: Scenario, given: ControlLoop) -> Float[Array, " time"]:
         loop = with_leaves(given, {**scenario.numbers, **values})
-        return closed_loop.residuals(loop, key=scenario.key, substeps=self.substeps)
+        return damping.residuals(loop, key=scenario.key, substeps=self.substeps)
 
 
 def simulate_exchange(study: DampingStudy, scenario: int) -> Exchange:

@@ -17,7 +17,9 @@ from tuning.problem.build import build, with_leaves
 from tuning.problem.interface import Outcome, Scenario, Status, Values, Vector
 from tuning.problem.scenarios import draw_scenarios
 from tuning.study.ranges import Reach
-from vsajax import Bench, Recording, Truth, experiment, sensitivity
+from vsajax import Bench, Recording, Truth
+from vsajax.experiments import estimation
+from vsajax.rollout import sensitivity
 
 _CLOCK, _NOISE = 0, 1
 _PROBED = 256
@@ -125,15 +127,15 @@ class EstimationProblem:
     def _record(self, bench: Bench, key: Key[Array, ""], shared: Truth | None) -> tuple[Truth, Recording]:
         truth = shared
         if truth is None:
-            truth = experiment.simulate(bench, key=jax.random.fold_in(key, _CLOCK), substeps=self.substeps)
-        return truth, experiment.measure(bench, truth, key=jax.random.fold_in(key, _NOISE))
+            truth = estimation.simulate(bench, key=jax.random.fold_in(key, _CLOCK), substeps=self.substeps)
+        return truth, estimation.measure(bench, truth, key=jax.random.fold_in(key, _NOISE))
 
     def outcome(self, values: Values, scenario: Scenario, given: Given) -> Outcome:
         """Return the scores at `values` in a scenario, and whether they count."""
         bench = with_leaves(given.bench, {**scenario.numbers, **values})
         truth, recording = self._record(bench, scenario.key, given.truth)
         stiffness = truth.motion.stiffness
-        scores = experiment.score(bench.estimator, recording, stiffness, scorer=bench.scorer)
+        scores = estimation.score(bench.estimator, recording, stiffness, scorer=bench.scorer)
         step = self.study.clock.sample_time / self.substeps
         is_finite = jnp.all(jnp.isfinite(stiffness)) & jnp.all(jnp.isfinite(truth.motion.link_position))
         is_coarse = jnp.max(bench.joint.fastest_rate(stiffness)) * step > _COARSE
@@ -141,15 +143,15 @@ class EstimationProblem:
         status = jnp.where(is_coarse, Status.STEP_TOO_COARSE, status)
         return Outcome(scores, jnp.where(is_finite, status, Status.MOTION_DIVERGED))
 
-    def observe(self, values: Values, scenario: Scenario, given: Given) -> experiment.Observed:
+    def observe(self, values: Values, scenario: Scenario, given: Given) -> estimation.Observed:
         """Return what is recorded at `values` in a scenario, with its truth."""
         bench = with_leaves(given.bench, {**scenario.numbers, **values})
         truth, recording = self._record(bench, scenario.key, given.truth)
         settled = self.study.tune.objective == "msrep_settled"
-        return experiment.observe(recording, truth.motion.stiffness, scorer=bench.scorer, settled=settled)
+        return estimation.observe(recording, truth.motion.stiffness, scorer=bench.scorer, settled=settled)
 
     def residual_loop(
-        self, values: Values, scenario: Scenario, given: Given, observed: experiment.Observed | None
+        self, values: Values, scenario: Scenario, given: Given, observed: estimation.Observed | None
     ) -> sensitivity.Loop:
         """Return the loop whose residuals' squares sum to the scenario's objective [%].
 
@@ -161,10 +163,10 @@ class EstimationProblem:
         """
         bench = with_leaves(given.bench, {**scenario.numbers, **values})
         seen = self.observe(values, scenario, given) if observed is None else observed
-        return experiment.residual_loop(bench.estimator, seen, scorer=bench.scorer)
+        return estimation.residual_loop(bench.estimator, seen, scorer=bench.scorer)
 
     def objective(
-        self, values: Values, scenario: Scenario, given: Given, observed: experiment.Observed | None
+        self, values: Values, scenario: Scenario, given: Given, observed: estimation.Observed | None
     ) -> Float[Array, ""]:
         """Return the scenario's objective [%], see `residual_loop`."""
         return sensitivity.sum_of_squares(self.residual_loop(values, scenario, given, observed))
@@ -175,7 +177,7 @@ class EstimationProblem:
         z: Vector,
         scenario: Scenario,
         given: Given,
-        observed: experiment.Observed | None,
+        observed: estimation.Observed | None,
     ) -> Float[Array, "q q"]:
         """Return MᵀM of M = [J r], the residuals r and their derivatives J = ∂r/∂z at `values_at(z)`."""
 

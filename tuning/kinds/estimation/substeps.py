@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tuning.files.errors import input_error
-from vsajax import Bench, Truth, experiment, plants
+from vsajax import Bench, Truth, plants
+from vsajax.experiments import estimation
 
 LIMIT = 1024
 """Integration steps a sample beyond which a study is refused: it asks for more than it will ever be given."""
@@ -42,7 +43,7 @@ class Tried(NamedTuple):
 @partial(jax.jit, static_argnames="substeps")
 def try_substeps(bench: Bench, substeps: int) -> Tried:
     """Return the bench's motion with so many integration steps a sample, and its fastest elastic rate."""
-    truth = experiment.simulate(bench, key=jax.random.key(0), substeps=substeps)
+    truth = estimation.simulate(bench, key=jax.random.key(0), substeps=substeps)
     rates = bench.joint.fastest_rate(truth.motion.stiffness)
     return Tried(truth, jnp.max(jnp.where(jnp.isfinite(rates), rates, jnp.inf)))
 

@@ -18,7 +18,8 @@ from tuning.pictures.style import ESTIMATE, TRUTH, WIDTH, new_figure, quantiles
 from tuning.problem.build import with_leaves
 from tuning.problem.interface import Scenario, Stream
 from tuning.problem.scenarios import numbered_scenarios
-from vsajax import experiment, rollout
+from vsajax import rollout
+from vsajax.experiments import estimation
 
 _POINTS = 400
 """Samples kept of a trace: a picture shows no more."""
@@ -61,7 +62,7 @@ def replay(study: EstimationStudy, stream: Stream, numbers: Sequence[int]) -> Re
 
     def one(scenario: Scenario, given: Given) -> tuple[jax.Array, ...]:
         truth, recording = problem.record(scenario, given)
-        answer = experiment.estimate(with_leaves(given.bench, scenario.numbers).estimator, recording)
+        answer = estimation.estimate(with_leaves(given.bench, scenario.numbers).estimator, recording)
         traces = (truth.time, truth.motion.stiffness, answer.stiffness, answer.known)
         return tuple(jnp.asarray(trace)[kept] for trace in traces)
 

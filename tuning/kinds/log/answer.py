@@ -19,8 +19,9 @@ from tuning.study.base import Config
 from tuning.study.parts.estimators import AlgebraicObserver, Polynomial, SeparableOddPolynomial
 from tuning.study.parts.estimators import AntagonisticPair as PairConfig
 from tuning.study.parts.estimators import Estimator as EstimatorTable
-from vsajax import Estimate, Recording, experiment
+from vsajax import Estimate, Recording
 from vsajax.estimators import AbstractEstimator, AntagonisticPair, StiffnessEstimator
+from vsajax.experiments import estimation
 
 _PRIOR_LIMITS = 0.02
 """Change of the stiffness under a ten times weaker prior that is worth a warning."""
@@ -50,7 +51,7 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
     estimator = build_estimator(config)
     # Both priors in one scan: a long log is run through once.
     both = jax.tree.map(lambda *x: jnp.stack(x), estimator, _with_weaker_prior(estimator))
-    answers: Estimate = jax.jit(jax.vmap(experiment.estimate, in_axes=(0, None)))(both, recording)
+    answers: Estimate = jax.jit(jax.vmap(estimation.estimate, in_axes=(0, None)))(both, recording)
     answer, weaker = (jax.tree.map(lambda x, i=i: x[i], answers) for i in (0, 1))
     columns = {
         "time": np.asarray(recording.time),
@@ -66,7 +67,7 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
         torque, deflection = columns["torque"], columns["deflection"]
         lagging = deflection
         if isinstance(estimator, StiffnessEstimator) and estimator.torque.lag is not None:
-            lagging = np.asarray(jax.jit(experiment.agreement)(estimator, recording)[1])
+            lagging = np.asarray(jax.jit(estimation.agreement)(estimator, recording)[1])
         analysis = analyse(table, lagging, torque, assumptions_of(config.estimator), unlagged=deflection)
         if analysis.floor is not None:
             columns["known"] = columns["known"] & leaves_floor(torque, analysis.floor)
@@ -84,7 +85,7 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
     if "true_stiffness" in table.columns:
         scorer = build(config.scorer)
         truth = jnp.asarray(table.columns["true_stiffness"])
-        scores = jax.jit(experiment.score_estimate)(recording.time, truth, answer, scorer=scorer)
+        scores = jax.jit(estimation.score_estimate)(recording.time, truth, answer, scorer=scorer)
         summary["scores"] = {name: float(value) for name, value in scores._asdict().items()}
         since = summary["scores"]["convergence_time"]
         share = f"within {100 * config.scorer.tolerance:g} %"

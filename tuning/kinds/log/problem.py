@@ -27,7 +27,8 @@ from tuning.search.space import Space, Vector
 from tuning.study.base import resolved, study_hash, to_toml
 from tuning.study.paths import numeric_paths
 from tuning.terminal.progress import progress
-from vsajax import Recording, experiment, rollout
+from vsajax import Recording, rollout
+from vsajax.experiments import estimation
 
 _WITHIN = 0.999
 _FEWEST = 20
@@ -124,7 +125,7 @@ class LogSearch:
 
     def signals(self, values: Mapping[str, Any], given: Given) -> tuple[Any, Any]:
         """Return torque and lagging deflection at some numbers."""
-        return experiment.agreement(_with(given, values).estimator, given.recording)
+        return estimation.agreement(_with(given, values).estimator, given.recording)
 
     def residuals(self, z: Vector, given: Given) -> Float[Array, " time"]:
         """Return the vector whose squared norm is the objective [√%].
@@ -195,7 +196,7 @@ class LogSearch:
         leaves = {path: jnp.asarray(value) for path, value in values.items()}
         torque, lagging = (np.asarray(x) for x in jax.jit(self.signals)(leaves, self.given))
         estimator = _with(self.given, leaves).estimator
-        deflection = np.asarray(jax.jit(experiment.estimate)(estimator, self.recording).signals.deflection)
+        deflection = np.asarray(jax.jit(estimation.estimate)(estimator, self.recording).signals.deflection)
         train = np.asarray(self.is_training)
         parts = (train, ~train, np.ones_like(train))
         trained, held_out, whole = (_agreement(torque, lagging, deflection, at) for at in parts)

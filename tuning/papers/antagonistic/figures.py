@@ -12,7 +12,7 @@ import numpy as np
 from tuning.papers.antagonistic import model as paper
 from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save
 from vsajax import estimators as es
-from vsajax import experiment
+from vsajax.experiments import estimation
 
 
 def draw(folder: Path) -> list[Path]:
@@ -24,8 +24,8 @@ def draw(folder: Path) -> list[Path]:
     ]
 
 
-def _stiffness(estimator: es.AbstractEstimator, recording: experiment.Recording) -> np.ndarray:
-    return np.asarray(jax.jit(experiment.estimate)(estimator, recording).stiffness)
+def _stiffness(estimator: es.AbstractEstimator, recording: estimation.Recording) -> np.ndarray:
+    return np.asarray(jax.jit(estimation.estimate)(estimator, recording).stiffness)
 
 
 def _draw_simulation(folder: Path) -> Path:
@@ -90,7 +90,7 @@ def _draw_window(folder: Path) -> Path:
             # Rows before 2 s do not count, whatever the window.
             late = (truth.time >= 2.0).astype(truth.time.dtype)
             inputs = tuple(rows._replace(share=rows.share * late) for rows in prepared.inputs)
-            answer = experiment.rollout.scan(prepared.step, prepared.state, inputs)[1]
+            answer = estimation.rollout.scan(prepared.step, prepared.state, inputs)[1]
             relative = (truth.motion.stiffness - answer.stiffness) / truth.motion.stiffness
             counted = truth.time >= 4.0
             return 100.0 * jnp.sum(jnp.where(counted, relative, 0.0) ** 2) / (jnp.sum(counted) - 1.0)

@@ -10,9 +10,10 @@ import jax
 import numpy as np
 
 from tuning.kinds.estimation.substeps import try_substeps
-from vsajax import Bench, Recording, Scorer, Scores, Truth, experiment, plants, rollout
+from vsajax import Bench, Recording, Scorer, Scores, Truth, plants, rollout
 from vsajax import estimators as es
 from vsajax import sensing as se
+from vsajax.experiments import estimation
 
 MOTOR: dict[str, Any] = {"motor_inertia": 1e-4, "motor_damping": 1.27}
 SAMPLE_TIME = 1e-3
@@ -144,7 +145,7 @@ def own_draws(
         chosen, motion = common
         noise = jax.random.normal(key, (5, motion.time.shape[0]))
         recording = record(motion, noise, position_std, torque_std)
-        return experiment.score(chosen, recording, motion.motion.stiffness, scorer=Scorer())
+        return estimation.score(chosen, recording, motion.motion.stiffness, scorer=Scorer())
 
     keys = jax.random.split(jax.random.key(_SEED), draws)
     return jax.jit(lambda k, common: rollout.map_lanes(one, k, common, chunk=16))(keys, (estimator, truth))

@@ -35,8 +35,9 @@ from tuning.papers.antagonistic.model import (
     truth_of,
 )
 from tuning.papers.rows import Report, Row
-from vsajax import Recording, Scorer, Scores, experiment, rollout
+from vsajax import Recording, Scorer, Scores, rollout
 from vsajax import estimators as es
+from vsajax.experiments import estimation
 
 _TITLE = "Ménard, Grioli, Bicchi: agonist-antagonist joint and the algebraic observer"
 _OWN_DRAWS = 64
@@ -49,10 +50,10 @@ _SHARPEST = 1e16
 @jax.jit
 def score(estimator: es.AntagonisticPair, recording: Recording, stiffness: jax.Array) -> Scores:
     """Score an estimator from 2 s on."""
-    return experiment.score(estimator, recording, stiffness, scorer=Scorer())
+    return estimation.score(estimator, recording, stiffness, scorer=Scorer())
 
 
-_estimate = jax.jit(experiment.estimate)
+_estimate = jax.jit(estimation.estimate)
 
 
 @jax.jit

@@ -18,9 +18,11 @@ from tuning.kinds.arm.problem import ArmProblem
 from tuning.papers.cartesian.space import load_rows, open_example, pose_rows, random_pose_rows
 from tuning.papers.rows import Report, Row
 from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save
-from vsajax import arm_loop, plants
+from vsajax import plants
 from vsajax.arms import ArmBodies
-from vsajax.control import ActiveSet, CartesianImpedance, StiffnessDesign, StiffnessDesigner, inverse
+from vsajax.compliance import CartesianImpedance, StiffnessDesign, StiffnessDesigner
+from vsajax.experiments import arm
+from vsajax.solvers import ActiveSet, inverse
 
 _TITLE = "Petit, Albu-Schäffer: Cartesian impedance control for a variable stiffness robot arm"
 _JOINTS = (394.0, 123.0, 113.0, 161.0)
@@ -132,15 +134,15 @@ def _scaling_rows(printed: StiffnessDesign, exact: StiffnessDesign) -> list[Row]
 _FORCES = {"x": 15.0, "z": 20.0}
 
 
-def _sweeps() -> dict[str, tuple[np.ndarray, arm_loop.Equilibrium]]:
+def _sweeps() -> dict[str, tuple[np.ndarray, arm.Equilibrium]]:
     """Return forces and equilibria of the arm without gravity, progressive springs, along x and z."""
     problem, pose = _problem(scaling="none")
     design = eqx.filter_jit(lambda p, q: p.design(q))(problem, pose)
     bodies = ArmBodies(np.zeros(4), np.zeros((4, 3)), np.zeros((4, 3, 3)))
     plant = plants.CompliantArm(problem.arm, bodies, plants.PresetSpring(0.05), design.joint_stiffness)
     controller = CartesianImpedance(problem.arm, design.active_stiffness, pose)
-    loop = arm_loop.ArmLoop.at(plant, controller, pose, view="motor")
-    run = eqx.filter_jit(arm_loop.equilibria)
+    loop = arm.ArmLoop.at(plant, controller, pose, view="motor")
+    run = eqx.filter_jit(arm.equilibria)
     found = {}
     for axis, largest in _FORCES.items():
         forces = np.linspace(0.0, largest, 21)
@@ -148,7 +150,7 @@ def _sweeps() -> dict[str, tuple[np.ndarray, arm_loop.Equilibrium]]:
     return found
 
 
-def _loop_rows(sweeps: dict[str, tuple[np.ndarray, arm_loop.Equilibrium]]) -> list[Row]:
+def _loop_rows(sweeps: dict[str, tuple[np.ndarray, arm.Equilibrium]]) -> list[Row]:
     first = sweeps["z"][1]
     off = float(jnp.abs(first.stiffness[0] - first.predicted[0]).max())
     note = "dF/dx of the closed loop of motors, springs and controller, by its derivative"
@@ -180,7 +182,7 @@ def _findings(design: StiffnessDesign) -> list[str]:
     ]
 
 
-def _draw(sweeps: dict[str, tuple[np.ndarray, arm_loop.Equilibrium]], folder: Path) -> Path:
+def _draw(sweeps: dict[str, tuple[np.ndarray, arm.Equilibrium]], folder: Path) -> Path:
     figure, axes = new_figure(9.6, 3.6, 1, 2)
     for axis, (name, (forces, found)) in zip(axes, sweeps.items(), strict=True):
         i = "xyz".index(name)

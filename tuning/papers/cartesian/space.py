@@ -20,7 +20,8 @@ from tuning.kinds.arm.problem import ArmProblem, build_problem, outcomes, pose_o
 from tuning.kinds.arm.study import load_arm_study
 from tuning.papers.cartesian.self_motion import Lengths, scan
 from tuning.papers.rows import Row
-from vsajax.control import compliance_problem, inverse
+from vsajax.compliance import compliance_problem
+from vsajax.solvers import inverse
 
 _POSES = 1000
 

@@ -22,9 +22,10 @@ from tuning.files.whole import write_table
 from tuning.papers.damping import model as paper
 from tuning.papers.rows import Row
 from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save
-from vsajax import SwingScorer, antagonistic_loop, plants, rollout
+from vsajax import SwingScorer, plants, rollout
 from vsajax import estimators as es
 from vsajax import sensing as se
+from vsajax.experiments import antagonistic_damping
 
 FACTORS = (0.6, 1.0, 1.6)
 """Believed over true torque of the springs at the start."""
@@ -36,7 +37,7 @@ _DRAWS = 4
 _COLOURS = {0.6: ESTIMATE, 1.0: "#009e73", 1.6: OTHER}
 
 
-def joint() -> antagonistic_loop.AntagonisticLoop:
+def joint() -> antagonistic_damping.AntagonisticLoop:
     """Return the joint with a true belief and silent sensors."""
     published: Any = plants.qbmove()
     scale = 0.5 * (published.spring1.torque_scale + published.spring2.torque_scale)
@@ -50,9 +51,9 @@ def joint() -> antagonistic_loop.AntagonisticLoop:
         deflection="raw",
         matched=True,
     )
-    return antagonistic_loop.AntagonisticLoop(
+    return antagonistic_damping.AntagonisticLoop(
         joint=plants.AntagonisticJoint(plants.Link(paper.INERTIA, paper.DAMPING), motor, motor, spring, spring),
-        servo=antagonistic_loop.PositionServo(100.0, 0.1),
+        servo=antagonistic_damping.PositionServo(100.0, 0.1),
         controller=paper.CONTROLLERS["law"],
         impact=se.Impact(0.02),
         scorer=SwingScorer(BAND),
@@ -66,7 +67,7 @@ def joint() -> antagonistic_loop.AntagonisticLoop:
     )
 
 
-def _vary(own: antagonistic_loop.AntagonisticLoop) -> list[Any]:
+def _vary(own: antagonistic_damping.AntagonisticLoop) -> list[Any]:
     believed: Any = (own.believed1, own.believed2)
     return [own.impact.impulse, own.torque_std, own.uses_estimate, *(spring.torque_scale for spring in believed)]
 
@@ -86,9 +87,9 @@ def cost() -> dict[str, np.ndarray]:
         for _ in range(_DRAWS)
     ]
 
-    def one(lane: tuple[jax.Array, jax.Array], shared: antagonistic_loop.AntagonisticLoop) -> Any:
+    def one(lane: tuple[jax.Array, jax.Array], shared: antagonistic_damping.AntagonisticLoop) -> Any:
         values, key = lane
-        return antagonistic_loop.score(eqx.tree_at(_vary, shared, list(values)), key=key)
+        return antagonistic_damping.score(eqx.tree_at(_vary, shared, list(values)), key=key)
 
     lanes = (jnp.asarray(numbers), jax.random.split(jax.random.key(0), len(numbers)))
     found = jax.jit(lambda lanes, shared: rollout.map_lanes(one, lanes, shared))(lanes, own)
@@ -165,7 +166,7 @@ def draw(folder: Path) -> Path:
     axis.set(xlabel="MSREP where known [%]", ylabel="mean settling time [s]")
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=7)
     own = eqx.tree_at(_vary, joint(), [0.02, 1e-3, 1.0, *(1.6 * s for s in _vary(joint())[3:])])
-    motion = eqx.filter_jit(antagonistic_loop.simulate)(own, key=paper.KEY)
+    motion = eqx.filter_jit(antagonistic_damping.simulate)(own, key=paper.KEY)
     time, early = np.asarray(motion.time), np.asarray(motion.time) <= 1.0
     above.plot(time[early], motion.stiffness[early], color=TRUTH, label="true")
     estimate = np.where(np.asarray(motion.known) > 0, np.asarray(motion.estimate), np.nan)

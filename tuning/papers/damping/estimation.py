@@ -20,8 +20,9 @@ from tuning.files.whole import write_table
 from tuning.papers.damping import model as paper
 from tuning.papers.rows import Row
 from tuning.pictures.style import ESTIMATE, OTHER, QUIET, TRUTH, new_figure, save
-from vsajax import estimated_loop, plants, rollout
 from vsajax import estimators as es
+from vsajax import plants, rollout
+from vsajax.experiments import estimated_damping
 
 _BASE, _GAIN = 0.2, 1.0
 FACTORS = (0.6, 1.6)
@@ -32,9 +33,9 @@ _DRAWS = 4
 _COLOURS = {0.6: ESTIMATE, 1.6: OTHER}
 
 
-def joint() -> estimated_loop.EstimatedLoop:
+def joint() -> estimated_damping.EstimatedLoop:
     """Return the joint with a true belief and a silent sensor."""
-    law = estimated_loop.PresetLaw(_BASE, _GAIN)
+    law = estimated_damping.PresetLaw(_BASE, _GAIN)
     loop = paper.link_loop(paper.CONTROLLERS["law"], travel=0.03, sample_time=1e-3)
     plant = eqx.tree_at(lambda p: p.actuator, loop.plant, plants.StiffnessActuator(_BASE, _BASE + _GAIN, 0.03))
     estimator = es.StiffnessEstimator(
@@ -44,18 +45,20 @@ def joint() -> estimated_loop.EstimatedLoop:
         gate=es.ExcitationGate(min_deflection_range=0.05, max_relative_std=0.05),
         deflection="raw",
     )
-    return estimated_loop.EstimatedLoop(eqx.tree_at(lambda own: own.plant, loop, plant), law, law, estimator, 0.0)
+    return estimated_damping.EstimatedLoop(
+        eqx.tree_at(lambda own: own.plant, loop, plant), law, law, estimator, 0.0
+    )
 
 
-def _vary(own: estimated_loop.EstimatedLoop) -> list[Any]:
+def _vary(own: estimated_damping.EstimatedLoop) -> list[Any]:
     return [own.loop.impact.impulse, own.torque_std, own.nominal.base, own.nominal.gain, own.uses_estimate]
 
 
 @cache
 def _compiled() -> Any:
-    def one(lane: tuple[jax.Array, jax.Array], shared: estimated_loop.EstimatedLoop) -> Any:
+    def one(lane: tuple[jax.Array, jax.Array], shared: estimated_damping.EstimatedLoop) -> Any:
         numbers, key = lane
-        return estimated_loop.score(eqx.tree_at(_vary, shared, list(numbers)), key=key)
+        return estimated_damping.score(eqx.tree_at(_vary, shared, list(numbers)), key=key)
 
     return jax.jit(lambda lanes, shared: rollout.map_lanes(one, lanes, shared))
 

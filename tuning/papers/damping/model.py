@@ -12,18 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from vsajax import (
-    ControlLoop,
-    SwingMotion,
-    SwingScorer,
-    SwingScores,
-    closed_loop,
-    control,
-    plants,
-    rollout,
-    switching,
-)
+from vsajax import ControlLoop, SwingMotion, SwingScorer, SwingScores, control, plants, rollout, switching
 from vsajax import sensing as se
+from vsajax.experiments import damping as closed_loop
 
 INERTIA, DAMPING, SOFT, STIFF, BAND, IMPULSE = 0.00326, 0.01, 0.3, 1.0, 0.05, 0.069
 """Reading R1 of section VI-A: I_rot + m d² [kg·m²], linear friction, stiffness range, band, 1 N·m × 69 ms."""
