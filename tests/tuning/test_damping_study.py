@@ -19,6 +19,7 @@ from tuning.problem.scenarios import draw_scenarios
 from tuning.study.base import resolved, to_toml
 from tuning.study.loading import load_study
 from tuning.study.paths import numeric_paths
+from vsajax.rollout import sensitivity
 
 DAMPING = CONFIGS / "studies" / "damping.toml"
 SHORT = ("clock.duration=0.6", "scenarios={train=4, held_out=6}")
@@ -40,7 +41,7 @@ def test_scores_are_those_of_the_motion(problem):
     assert set(scenario.numbers) == set(problem.study.population.paths)
     objective, scores = jax.jit(
         lambda own, given: (
-            problem.objective(values, own, given, None),
+            sensitivity.sum_of_squares(problem.residuals(values, own, given, None)),
             problem.outcome(values, own, given).scores,
         )
     )(scenario, problem.given)

@@ -1,26 +1,40 @@
-"""The Python that documents show: what it imports is there, and it runs."""
+"""The Python that documents show: what it imports is there, and it runs, after the command that stands before it."""
 
 import ast
 import importlib
 import re
+import subprocess
+import sys
+from typing import NamedTuple
 
 import pytest
 
-from tests.tuning.documented import documents
+from tests.tuning.documented import ROOT, commands, documents
 
-BLOCKS = [
-    pytest.param(match[1], id=f"{document.name}-{number}")
-    for document in documents()
-    for number, match in enumerate(
-        re.finditer(r"^```python\n(.*?)^```", document.read_text(encoding="utf-8"), re.M | re.S)
+_BLOCK = re.compile(r"(?:^(```sh\n[^`]*```)\n\n)?^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+class Block(NamedTuple):
+    """A block of Python and the commands right before it."""
+
+    commands: tuple[tuple[str, ...], ...]
+    text: str
+
+
+BLOCKS = {
+    f"{document.name}-{number}": Block(
+        tuple(c.words for c in commands(f"{found[1]}\n")) if found[1] else (), found[2]
     )
-]
+    for document in documents()
+    for number, found in enumerate(_BLOCK.finditer(document.read_text(encoding="utf-8")))
+}
+each = pytest.mark.parametrize("name", sorted(BLOCKS))
 
 
 @pytest.mark.filterwarnings("error::DeprecationWarning")
-@pytest.mark.parametrize("block", BLOCKS)
-def test_what_a_document_imports_is_there(block):
-    for node in ast.walk(ast.parse(block)):
+@each
+def test_what_a_document_imports_is_there(name):
+    for node in ast.walk(ast.parse(BLOCKS[name].text)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 importlib.import_module(alias.name)
@@ -30,13 +44,12 @@ def test_what_a_document_imports_is_there(block):
                 assert hasattr(module, alias.name) or importlib.import_module(f"{node.module}.{alias.name}")
 
 
-SCRIPTS = sorted({document.name for document in documents() if "```python" in document.read_text(encoding="utf-8")})
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_the_python_of_a_document_runs(name):
-    document = next(document for document in documents() if document.name == name)
-    text = "\n".join(re.findall(r"^```python\n(.*?)^```", document.read_text(encoding="utf-8"), re.M | re.S))
-    done = subprocess.run([sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+@each
+def test_the_python_of_a_document_runs(name, tmp_path):
+    for shared in ("tests", "configs"):
+        (tmp_path / shared).symlink_to(ROOT / shared)
+    for words in (*BLOCKS[name].commands, ("python", "-c", BLOCKS[name].text)):
+        start = (sys.executable, *(("-m", "tuning") if words[0] == "vsajax" else ()))
+        done = subprocess.run([*start, *words[1:]], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr

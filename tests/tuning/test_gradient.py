@@ -50,7 +50,7 @@ def test_the_gradient_matches_central_differences(awas):
 def all_residuals(tuner: GradientTuner, z: jax.Array) -> jax.Array:
     """Return every residual of every scenario, `(scenario, time)`."""
     lanes, common = tuner.given
-    values, loop = tuner.space.constrain(z), tuner.problem.residual_loop
+    values, loop = tuner.space.constrain(z), tuner.problem.residuals
     return jax.vmap(lambda lane: sensitivity.run(loop(values, lane[0], common, lane[1])))(lanes)
 
 
@@ -105,7 +105,7 @@ def test_every_algorithm_leads_down_within_the_bounds(algorithm):
     # What it reports is the mean score of the training scenarios there.
     values = {path: jnp.asarray(value) for path, value in outcome.values.items()}
     (scenarios, observed), common = tuner.given
-    loop = tuner.problem.residual_loop
+    loop = tuner.problem.residuals
     one = jax.jit(jax.vmap(lambda scenario, seen: sensitivity.run(loop(values, scenario, common, seen))))
     again = jnp.sum(one(scenarios, observed) ** 2) / study.scenarios.train
     assert float(again) == pytest.approx(outcome.objective, rel=1e-9)

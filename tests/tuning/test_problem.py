@@ -128,7 +128,7 @@ def test_the_squared_norm_of_the_residuals_is_the_score(objective):
     values = {GAIN: jnp.asarray(200.0), PRIOR: jnp.asarray(0.5)}
     (key,) = scenarios_of(study, "train", 1)
     observed = problem.observe(values, key, problem.given)
-    residuals = sensitivity.run(problem.residual_loop(values, key, problem.given, observed))
+    residuals = sensitivity.run(problem.residuals(values, key, problem.given, observed))
     score = getattr(problem.outcome(values, key, problem.given).scores, objective)
     # Sums of 200 squares in another order.
     np.testing.assert_allclose(residuals @ residuals, score, rtol=200 * 2.0**-52)

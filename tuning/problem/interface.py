@@ -6,17 +6,19 @@ Sweeps, populations, comparisons and searches know nothing else of what they run
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
 
 from jaxtyping import Array, Float, Key
 
 from tuning.study.base import Study
 from tuning.study.kinds import kind_named
 
+if TYPE_CHECKING:
+    from vsajax.rollout.sensitivity import Loop
+
 Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
-Vector = Float[Array, " p"]
 
 
 class Scenario(NamedTuple):
@@ -111,14 +113,15 @@ class Differentiable(Problem, Protocol):
         """Return all of a scenario that `values` which reach no further than the estimate leave as it is."""
         ...
 
-    def objective(self, values: Values, scenario: Scenario, given: Any, observed: Any) -> Float[Array, ""]:
-        """Return the scenario's objective; `observed` may be `None`."""
-        ...
+    def residuals(self, values: Values, scenario: Scenario, given: Any, observed: Any) -> Loop:
+        """Return the loop whose residuals' squares sum to the scenario's objective.
 
-    def normal_equations(
-        self, values_at: Callable[[Vector], Values], z: Vector, scenario: Scenario, given: Any, observed: Any
-    ) -> Float[Array, "q q"]:
-        """Return MᵀM of M = [J r], the residuals r and their derivatives J = ∂r/∂z at `values_at(z)`."""
+        Args:
+            values: numbers by path.
+            scenario: one scenario.
+            given: what `given` has.
+            observed: what `observe` returns, where `values` do not change it, or `None`.
+        """
         ...
 
 

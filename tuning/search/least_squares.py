@@ -21,11 +21,11 @@ from tuning.search.descent import Algorithm, Descended, descent, ending
 from tuning.search.space import Space, Vector
 from tuning.study.ranges import Reach
 from vsajax import rollout
-from vsajax.experiments import estimation
+from vsajax.rollout import sensitivity
 
 LANES_PER_CHUNK = 128
 """A chunk of several is copied out of all recordings; a single one, on every core, is not."""
-Lane = tuple[Scenario, estimation.Observed | None]
+Lane = tuple[Scenario, Any]
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class GradientTuner:
     max_steps: int = 60
 
     @cached_property
-    def observed(self) -> estimation.Observed | None:
-        """What is recorded in every scenario; `None` where the tuned numbers change it."""
+    def observed(self) -> Any:
+        """What is observed in every scenario, stacked; `None` where the tuned numbers change it."""
         problem = self.problem
         if any(Reach.RECORDING in problem.study.reach(path) for path in self.space.paths):
             return None
@@ -81,12 +81,16 @@ class GradientTuner:
         """What `objective` and `residuals` are given, as arguments of one compiled program."""
         return (self.scenarios, self.observed), self.problem.given
 
+    def _loop(self, z: Vector, lane: Lane, common: Any) -> sensitivity.Loop:
+        scenario, observed = lane
+        return self.problem.residuals(self.space.constrain(z), scenario, common, observed)
+
     def normal_equations(self, z: Vector, given: Any) -> Float[Array, "q q"]:
         """Return MᵀM of M = [J r], r all scenarios' residuals whose squares sum to the objective [√%]."""
 
         def of_one(lane: Lane, shared: tuple[Vector, Any]) -> Float[Array, "q q"]:
             z, common = shared
-            return self.problem.normal_equations(self.space.constrain, z, lane[0], common, lane[1])
+            return sensitivity.normal_equations(lambda z: self._loop(z, lane, common), z)
 
         lanes, common = given
         each = rollout.map_lanes(of_one, lanes, (z, common), chunk=LANES_PER_CHUNK)
@@ -99,7 +103,7 @@ class GradientTuner:
         def value(z: Vector, given: Any) -> Float[Array, ""]:
             def of_one(lane: Lane, shared: tuple[Vector, Any]) -> Float[Array, ""]:
                 z, common = shared
-                return self.problem.objective(self.space.constrain(z), lane[0], common, lane[1])
+                return sensitivity.sum_of_squares(self._loop(z, lane, common))
 
             lanes, common = given
             scores = rollout.map_lanes(of_one, lanes, (z, common), chunk=LANES_PER_CHUNK)

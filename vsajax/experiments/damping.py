@@ -1,6 +1,6 @@
 """Controllers in the loop: plant -> sensor -> observer -> controller -> actuators -> plant, and how it is scored.
 
-The same sentence as `experiment`, with a controller in the estimator's place::
+The same sentence as `experiments.estimation`, with a controller in the estimator's place::
 
     score = metric(simulate(plant, controller, impact))
 
@@ -9,7 +9,7 @@ This module knows plants and controllers. Everything here is unbatched; users `v
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -21,6 +21,7 @@ from vsajax import rollout, showing
 from vsajax.control import AbstractController, SwingObserver
 from vsajax.numerics import safe_sqrt
 from vsajax.plants import SwitchedPlant, SwitchedState
+from vsajax.rollout import sensitivity
 from vsajax.scores.swings import Swept, SwingScorer, SwingScores
 from vsajax.sensing import Clock, FeedbackSensor, Impact
 from vsajax.types import Command, Recording, Scalar, Series, Swing, optional_leaf
@@ -100,13 +101,105 @@ class LoopState(NamedTuple):
     controllers: tuple[Any, ...]
 
 
-class _Run(NamedTuple):
-    """A closed loop made ready for a scan."""
+class Inputs(NamedTuple):
+    """What the samples of a closed loop differ by.
 
-    state: LoopState
-    inputs: Any
-    step: Callable[[LoopState, Any], tuple[LoopState, tuple[Command, ...]]]
-    sense: Callable[[LoopState, Any], tuple[tuple[Any, ...], tuple[Any, ...], tuple[Swing, ...]]]
+    Args:
+        time: [s].
+        interval: since the sample before, 0 at the first [s].
+        noise: standard normal, one a joint, or `None` where no sensor has noise.
+    """
+
+    time: Scalar
+    interval: Scalar
+    noise: Float[Array, " joints"] | None
+
+
+class ClosedStep(eqx.Module):
+    """One sample of a closed loop: what is read, what is answered, where the plant then is.
+
+    Args:
+        loop: what runs.
+        substeps: Runge–Kutta steps a sample.
+    """
+
+    loop: ControlLoop
+    substeps: int = eqx.field(static=True, default=2)
+
+    def init(self) -> LoopState:
+        """Return the loop as the impact leaves it at time 0."""
+        loop, plant = self.loop, self.loop.plant
+        joints, zero = plant.mechanism.joints, jnp.zeros_like(plant.actuator.soft)
+        still = Swing(zero, zero, zero, zero, zero)
+        state = loop.controller.init(still)
+        standing = loop.controller.step(state, still)[1].stiffness if loop.start is None else loop.start
+        at_rest = plant.rest(plant.actuator.after(zero, standing, zero + jnp.inf))
+        kicked = plant.mechanism.kick(at_rest.positions, loop.impact.impulses(joints))
+        return LoopState(
+            at_rest._replace(velocities=tuple(v + zero for v in kicked)),
+            (None if loop.sensor is None else loop.sensor.init(zero),) * joints,
+            (None if loop.sensor is None else loop.observer.init(zero),) * joints,
+            (state,) * joints,
+        )
+
+    def inputs(self, key: Key[Array, ""]) -> Inputs:
+        """Return what the samples differ by; `key` draws the sensors' noise."""
+        clock, sensor = self.loop.clock, self.loop.sensor
+        number = jnp.arange(clock.samples)
+        noise = None
+        if sensor is not None and sensor.noise_std is not None:
+            noise = jax.random.normal(key, (clock.samples, self.loop.plant.mechanism.joints))
+        return Inputs(
+            number * clock.sample_time, jnp.where(number == 0, 0.0, jnp.asarray(clock.sample_time)), noise
+        )
+
+    def sense(self, state: LoopState, now: Inputs) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Swing, ...]]:
+        """Return every joint's sensor and observer after a reading, and what its controller is told."""
+        plant, sample_time = self.loop.plant, jnp.asarray(self.loop.clock.sample_time)
+        joints = plant.mechanism.joints
+        accelerations = plant.accelerations(state.plant, self.loop.impact.torques(joints, now.time, sample_time))
+        each = [self._joint(state, i, now, accelerations) for i in range(joints)]
+        sensors, observers, swings = zip(*each, strict=True)
+        return sensors, observers, swings
+
+    def _joint(self, state: LoopState, i: int, now: Inputs, accelerations: Any) -> tuple[Any, Any, Swing]:
+        loop, position, motor = self.loop, state.plant.positions[i], state.plant.motor_positions[i]
+        if loop.sensor is None:
+            return None, None, Swing(now.interval, position, state.plant.velocities[i], accelerations[i], motor)
+        drawn = None if now.noise is None else now.noise[i]
+        own, reading = loop.sensor.step(state.sensors[i], position, drawn, jnp.asarray(loop.clock.sample_time))
+        observer, swing = loop.observer.step(state.observers[i], reading, motor, now.interval)
+        return own, observer, swing
+
+    def __call__(self, state: LoopState, now: Inputs) -> tuple[LoopState, tuple[Command, ...]]:
+        """Return the loop a sample later, and what its controllers answered."""
+        loop, joints = self.loop, self.loop.plant.mechanism.joints
+        sensors, observers, swings = self.sense(state, now)
+        pairs = [loop.controller.step(own, swing) for own, swing in zip(state.controllers, swings, strict=True)]
+        controllers, commands = zip(*pairs, strict=True)
+        moved, small = state.plant, jnp.asarray(loop.clock.sample_time) / self.substeps
+        for i in range(self.substeps):
+            torques = loop.impact.torques(joints, now.time + i * small, small)
+            moved = loop.plant.step(moved, commands, torques, small)
+        return LoopState(moved, sensors, observers, controllers), commands
+
+
+class ResidualStep(eqx.Module):
+    """A closed loop's step that returns the root of the score `log_energy` there, scaled.
+
+    Args:
+        step: of the closed loop.
+        scale: 1/√n of n samples.
+    """
+
+    step: ClosedStep
+    scale: float = eqx.field(static=True)
+
+    def __call__(self, state: LoopState, now: Inputs) -> tuple[LoopState, Scalar]:
+        """Process a sample."""
+        loop = self.step.loop
+        energy = loop.plant.energy(state.plant, _middle(loop)) / _band_energy(loop)
+        return self.step(state, now)[0], self.scale * safe_sqrt(jnp.log1p(energy))
 
 
 def simulate(
@@ -120,61 +213,56 @@ def simulate(
         substeps: Runge–Kutta steps a sample.
         segment: samples a checkpointed segment, see `rollout.scan`.
     """
-    run = _prepare(loop, key, substeps)
+    closed = ClosedStep(loop, substeps)
+    inputs = closed.inputs(key)
 
-    def step(state: LoopState, inputs: Any) -> tuple[LoopState, Any]:
-        after, commands = run.step(state, inputs)
-        plant = state.plant
-        return after, (*plant, tuple(command.stiffness for command in commands))
+    def step(state: LoopState, now: Inputs) -> tuple[LoopState, Any]:
+        after, commands = closed(state, now)
+        return after, (*state.plant, tuple(command.stiffness for command in commands))
 
-    seen = rollout.scan(step, run.state, run.inputs, segment=segment)[1]
-    return SwingMotion(run.inputs[0], *seen)
+    seen = rollout.scan(step, closed.init(), inputs, segment=segment)[1]
+    return SwingMotion(inputs.time, *seen)
 
 
 def exchanges(loop: ControlLoop, *, key: Key[Array, ""], substeps: int = 2) -> tuple[Exchange, ...]:
     """Return what every joint's controller was told and what it answered; arguments as of `simulate`."""
-    run = _prepare(loop, key, substeps)
+    closed = ClosedStep(loop, substeps)
+    inputs = closed.inputs(key)
 
-    def step(state: LoopState, inputs: Any) -> tuple[LoopState, Any]:
-        after, commands = run.step(state, inputs)
-        return after, (run.sense(state, inputs)[2], commands)
+    def step(state: LoopState, now: Inputs) -> tuple[LoopState, Any]:
+        after, commands = closed(state, now)
+        return after, (closed.sense(state, now)[2], commands)
 
-    swings, commands = rollout.scan(step, run.state, run.inputs)[1]
+    swings, commands = rollout.scan(step, closed.init(), inputs)[1]
     return tuple(
-        Exchange(Recording(run.inputs[0], swing.position, swing.motor_position), command)
+        Exchange(Recording(inputs.time, swing.position, swing.motor_position), command)
         for swing, command in zip(swings, commands, strict=True)
     )
 
 
 def score(loop: ControlLoop, *, key: Key[Array, ""], substeps: int = 2) -> SwingScores:
     """Return the scores of a closed loop without keeping its motion."""
-    run, scorer, duration = _prepare(loop, key, substeps), loop.scorer, loop.clock.duration
-    band_energy = _band_energy(loop)
+    closed, scorer, duration = ClosedStep(loop, substeps), loop.scorer, loop.clock.duration
+    start, inputs, band_energy = closed.init(), closed.inputs(key), _band_energy(loop)
 
-    def step(both: tuple[LoopState, Any], inputs: Any) -> tuple[tuple[LoopState, Any], None]:
+    def step(both: tuple[LoopState, Any], now: Inputs) -> tuple[tuple[LoopState, Any], None]:
         state, counted = both
-        after, commands = run.step(state, inputs)
-        swept = _swept(loop, inputs[0], state.plant, commands)
+        after, commands = closed(state, now)
+        swept = _swept(loop, now.time, state.plant, commands)
         return (after, scorer.step(counted, swept, band_energy=band_energy, duration=duration)), None
 
-    still = tuple(
-        Command(k, m) for k, m in zip(run.state.plant.stiffness, run.state.plant.motor_positions, strict=True)
-    )
-    first = scorer.init(_swept(loop, run.inputs[0][0], run.state.plant, still))
-    counted = rollout.scan(step, (run.state, first), run.inputs)[0][1]
+    still = tuple(Command(k, m) for k, m in zip(start.plant.stiffness, start.plant.motor_positions, strict=True))
+    first = scorer.init(_swept(loop, inputs.time[0], start.plant, still))
+    counted = rollout.scan(step, (start, first), inputs)[0][1]
     return scorer.scores(counted, duration=duration)
 
 
-def residuals(loop: ControlLoop, *, key: Key[Array, ""], substeps: int = 2) -> Float[Array, " time"]:
-    """Return the vector whose squared norm is the score `log_energy`, for least-squares tuning."""
-    run, band_energy = _prepare(loop, key, substeps), _band_energy(loop)
-
-    def step(state: LoopState, inputs: Any) -> tuple[LoopState, Scalar]:
-        after, _ = run.step(state, inputs)
-        return after, safe_sqrt(jnp.log1p(loop.plant.energy(state.plant, _middle(loop)) / band_energy))
-
-    each = rollout.scan(step, run.state, run.inputs)[1]
-    return each / jnp.sqrt(float(each.shape[0]))
+def residual_loop(loop: ControlLoop, *, key: Key[Array, ""], substeps: int = 2) -> sensitivity.Loop:
+    """Return the loop over residuals whose squares sum to the score `log_energy`, for least-squares tuning."""
+    closed = ClosedStep(loop, substeps)
+    return sensitivity.Loop(
+        ResidualStep(closed, 1.0 / math.sqrt(loop.clock.samples)), closed.init(), closed.inputs(key)
+    )
 
 
 def energies(loop: ControlLoop, motion: SwingMotion, stiffness: Scalar) -> Series:
@@ -211,53 +299,3 @@ def _swept(loop: ControlLoop, time: Scalar, plant: SwitchedState, commands: tupl
         tuple(place(command.stiffness) for command in commands),
         tuple(place(stiffness) for stiffness in plant.stiffness),
     )
-
-
-def _prepare(loop: ControlLoop, key: Key[Array, ""], substeps: int) -> _Run:
-    plant, controller, sensor = loop.plant, loop.controller, loop.sensor
-    joints, sample_time = plant.mechanism.joints, jnp.asarray(loop.clock.sample_time)
-    time = jnp.arange(loop.clock.samples) * loop.clock.sample_time
-    intervals = jnp.where(jnp.arange(loop.clock.samples) == 0, 0.0, sample_time)
-    noise = None
-    if sensor is not None and sensor.noise_std is not None:
-        noise = jax.random.normal(key, (loop.clock.samples, joints))
-    zero = jnp.zeros_like(plant.actuator.soft)
-    still = Swing(zero, zero, zero, zero, zero)
-    state = controller.init(still)
-    standing = controller.step(state, still)[1].stiffness if loop.start is None else loop.start
-    at_rest = plant.rest(plant.actuator.after(zero, standing, zero + jnp.inf))
-    kicked = plant.mechanism.kick(at_rest.positions, loop.impact.impulses(joints))
-    start = LoopState(
-        at_rest._replace(velocities=tuple(v + zero for v in kicked)),
-        (None if sensor is None else sensor.init(zero),) * joints,
-        (None if sensor is None else loop.observer.init(zero),) * joints,
-        (state,) * joints,
-    )
-
-    def joint(state: LoopState, i: int, dt: Scalar, drawn: Any, accelerations: Any) -> tuple[Any, Any, Swing]:
-        position, motor = state.plant.positions[i], state.plant.motor_positions[i]
-        if sensor is None:
-            return None, None, Swing(dt, position, state.plant.velocities[i], accelerations[i], motor)
-        own, reading = sensor.step(state.sensors[i], position, None if drawn is None else drawn[i], sample_time)
-        observer, swing = loop.observer.step(state.observers[i], reading, motor, dt)
-        return own, observer, swing
-
-    def sense(state: LoopState, inputs: Any) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Swing, ...]]:
-        now, dt, drawn = inputs
-        accelerations = plant.accelerations(state.plant, loop.impact.torques(joints, now, sample_time))
-        each = [joint(state, i, dt, drawn, accelerations) for i in range(joints)]
-        sensors, observers, swings = zip(*each, strict=True)
-        return sensors, observers, swings
-
-    def step(state: LoopState, inputs: Any) -> tuple[LoopState, tuple[Command, ...]]:
-        now = inputs[0]
-        sensors, observers, swings = sense(state, inputs)
-        pairs = [controller.step(own, swing) for own, swing in zip(state.controllers, swings, strict=True)]
-        controllers, commands = zip(*pairs, strict=True)
-        moved, small = state.plant, sample_time / substeps
-        for i in range(substeps):
-            torques = loop.impact.torques(joints, now + i * small, small)
-            moved = plant.step(moved, commands, torques, small)
-        return LoopState(moved, sensors, observers, controllers), commands
-
-    return _Run(start, (time, intervals, noise), step, sense)

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax
+import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from tests.vsajax.swings import (
 )
 from vsajax import control, plants, sensing
 from vsajax.experiments import damping as closed_loop
+from vsajax.rollout import sensitivity
 
 each = pytest.mark.parametrize("name", CONTROLLERS)
 run_motion = jax.jit(lambda loop: closed_loop.simulate(loop, key=KEY))
@@ -164,8 +166,30 @@ def test_log_energy_in_lead_slope_and_sharpness_matches_finite_differences():
 @pytest.mark.equivalence
 def test_residuals_square_to_the_log_energy():
     hit = loop(CONTROLLERS["law"], duration=1.0)
-    residuals = closed_loop.residuals(hit, key=KEY)
+    residuals = sensitivity.run(closed_loop.residual_loop(hit, key=KEY))
     assert residuals @ residuals == pytest.approx(float(run_score(hit).log_energy), rel=1e-12)
+
+
+@pytest.mark.equivalence
+def test_least_squares_along_the_loop_are_those_of_the_whole_jacobian():
+    hit = loop(CONTROLLERS["law"], duration=0.5)
+    leaves, rest = eqx.partition((hit.plant, hit.controller), eqx.is_inexact_array)
+    numbers, unravel = jax.flatten_util.ravel_pytree(leaves)
+
+    def loop_at(scales):
+        plant, controller = eqx.combine(unravel(numbers * scales), rest)
+        changed = eqx.tree_at(lambda own: (own.plant, own.controller), hit, (plant, controller))
+        return closed_loop.residual_loop(changed, key=KEY)
+
+    at = jnp.ones_like(numbers)
+    square = jax.jit(lambda x: sensitivity.normal_equations(loop_at, x))(at)
+    whole = jax.jit(
+        lambda x: jnp.column_stack(
+            [jax.jacfwd(lambda y: sensitivity.run(loop_at(y)))(x), sensitivity.run(loop_at(x))]
+        )
+    )(at)
+    assert np.count_nonzero(np.diag(square)) > 3
+    np.testing.assert_allclose(square, whole.T @ whole, rtol=1e-9, atol=1e-12 * np.abs(square).max())
 
 
 @pytest.mark.equivalence

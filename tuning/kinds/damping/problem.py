@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from tuning.kinds.damping.study import DampingStudy
 from tuning.problem.build import build, with_leaves
-from tuning.problem.interface import Outcome, Scenario, Status, Values, Vector
+from tuning.problem.interface import Outcome, Scenario, Status, Values
 from tuning.problem.replay import replayed, require_finite
 from vsajax import ControlLoop, SwingMotion
 from vsajax.experiments import damping
 from vsajax.experiments.damping import Exchange
+from vsajax.rollout.sensitivity import Loop
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class DampingProblem:
 
     @property
     def given(self) -> ControlLoop:
-        """What `outcome` and `objective` are given: one compilation serves every value."""
+        """What `outcome` and `residuals` are given: one compilation serves every value."""
         return self.bench
 
     def motion(self, scenario: Scenario, given: ControlLoop) -> SwingMotion:
@@ -86,32 +85,10 @@ class DampingProblem:
         scores = damping.score(loop, key=scenario.key, substeps=self.substeps)
         return Outcome(scores, jnp.where(scores.diverged > 0, Status.MOTION_DIVERGED, Status.OK))
 
-    def objective(
-        self, values: Values, scenario: Scenario, given: ControlLoop, observed: object
-    ) -> Float[Array, ""]:
-        """Return the scenario's `log_energy`."""
-        residuals = self._residuals(values, scenario, given)
-        return residuals @ residuals
-
-    def normal_equations(
-        self,
-        values_at: Callable[[Vector], Values],
-        z: Vector,
-        scenario: Scenario,
-        given: ControlLoop,
-        observed: object,
-    ) -> Float[Array, "q q"]:
-        """Return MᵀM of M = [J r], the residuals r and their derivatives J = ∂r/∂z at `values_at(z)`."""
-
-        def residuals(z: Vector) -> Float[Array, " time"]:
-            return self._residuals(values_at(z), scenario, given)
-
-        whole = jnp.column_stack([jax.jacfwd(residuals)(z), residuals(z)])
-        return whole.T @ whole
-
-    def _residuals(self, values: Values, scenario: Scenario, given: ControlLoop) -> Float[Array, " time"]:
+    def residuals(self, values: Values, scenario: Scenario, given: ControlLoop, observed: object) -> Loop:
+        """Return the loop whose residuals' squares sum to the scenario's `log_energy`."""
         loop = with_leaves(given, {**scenario.numbers, **values})
-        return damping.residuals(loop, key=scenario.key, substeps=self.substeps)
+        return damping.residual_loop(loop, key=scenario.key, substeps=self.substeps)
 
 
 def simulate_exchange(study: DampingStudy, scenario: int) -> Exchange:

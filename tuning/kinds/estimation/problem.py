@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
 from tuning.kinds.estimation.study import EstimationStudy
 from tuning.kinds.estimation.substeps import check_substeps, choose_substeps, rate_at_rest, try_substeps
 from tuning.problem.build import build, with_leaves
-from tuning.problem.interface import Outcome, Scenario, Status, Values, Vector
+from tuning.problem.interface import Outcome, Scenario, Status, Values
 from tuning.problem.scenarios import draw_scenarios
 from tuning.study.ranges import Reach
 from vsajax import Bench, Recording, Truth
 from vsajax.experiments import estimation
-from vsajax.rollout import sensitivity
+from vsajax.rollout.sensitivity import Loop
 
 _CLOCK, _NOISE = 0, 1
 _PROBED = 256
@@ -110,7 +109,7 @@ class EstimationProblem:
 
     @property
     def given(self) -> Given:
-        """What `record`, `outcome` and `residual_loop` are given."""
+        """What `record`, `outcome` and `residuals` are given."""
         return Given(self.bench, self.shared_truth)
 
     def columns(self, scenario: Scenario, given: Given) -> dict[str, Array]:
@@ -150,38 +149,10 @@ class EstimationProblem:
         settled = self.study.tune.objective == "msrep_settled"
         return estimation.observe(recording, truth.motion.stiffness, scorer=bench.scorer, settled=settled)
 
-    def residual_loop(
+    def residuals(
         self, values: Values, scenario: Scenario, given: Given, observed: estimation.Observed | None
-    ) -> sensitivity.Loop:
-        """Return the loop whose residuals' squares sum to the scenario's objective [%].
-
-        Args:
-            values: numbers by path.
-            scenario: one scenario.
-            given: the study's own numbers.
-            observed: what `observe` returns, where `values` do not change it, or `None`.
-        """
+    ) -> Loop:
+        """Return the loop whose residuals' squares sum to the scenario's objective [%]."""
         bench = with_leaves(given.bench, {**scenario.numbers, **values})
         seen = self.observe(values, scenario, given) if observed is None else observed
         return estimation.residual_loop(bench.estimator, seen, scorer=bench.scorer)
-
-    def objective(
-        self, values: Values, scenario: Scenario, given: Given, observed: estimation.Observed | None
-    ) -> Float[Array, ""]:
-        """Return the scenario's objective [%], see `residual_loop`."""
-        return sensitivity.sum_of_squares(self.residual_loop(values, scenario, given, observed))
-
-    def normal_equations(
-        self,
-        values_at: Callable[[Vector], Values],
-        z: Vector,
-        scenario: Scenario,
-        given: Given,
-        observed: estimation.Observed | None,
-    ) -> Float[Array, "q q"]:
-        """Return MᵀM of M = [J r], the residuals r and their derivatives J = ∂r/∂z at `values_at(z)`."""
-
-        def loop_at(z: Vector) -> sensitivity.Loop:
-            return self.residual_loop(values_at(z), scenario, given, observed)
-
-        return sensitivity.normal_equations(loop_at, z)
