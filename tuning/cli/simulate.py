@@ -57,7 +57,7 @@ def simulate(
     from tuning.pictures.style import save
     from tuning.problem import replay
     from tuning.study.base import resolved, to_toml
-    from tuning.study.kinds import kind_named
+    from tuning.study.kinds import kind_of
 
     columns, substeps = replay.simulate(loaded, scenario)
     write_table(output, columns)
@@ -65,7 +65,7 @@ def simulate(
     if loaded.population.paths:
         robot = output.with_suffix(".toml")
         write_text(robot, to_toml(resolved(replay.member(loaded, scenario))))
-    draw = kind_named(loaded.kind).picture
+    draw = kind_of(loaded).picture
     assert draw is not None
     picture = save(draw.load()(columns, title=loaded.name), output.with_suffix(".png"))
     emit(

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkab
 from jaxtyping import Array, Float, Key
 
 from tuning.study.base import Study
-from tuning.study.kinds import kind_named
+from tuning.study.kinds import kind_of
 
 Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
@@ -94,6 +94,10 @@ class Problem(Protocol):
         """What the functions below are given: as an argument, so that one compilation serves every value."""
         ...
 
+    def scenarios(self, stream: Stream, count: int, start: int = 0) -> Scenario:
+        """Return the scenarios `start`, `start` + 1, … of a stream: each is the same however many are asked for."""
+        ...
+
     def outcome(self, values: Values, scenario: Scenario, given: Any) -> Outcome:
         """Return the scores at `values` in a scenario, and whether they count."""
         ...
@@ -129,6 +133,6 @@ def problem_of(study: Study, varied: tuple[str, ...] = ()) -> Problem:
         study: the study.
         varied: dotted paths of the numbers that will vary, beside the population's.
     """
-    make = kind_named(study.kind).problem
+    make = kind_of(study).problem
     assert make is not None, study.kind
     return make.load()(study, varied)

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from tuning.problem.interface import Outcome, Problem, Scenario, problem_of
-from tuning.problem.scenarios import draw_scenarios, stream_key
+from tuning.problem.scenarios import stream_key
 from tuning.runs.executors import Executor, complete
 from tuning.runs.folder import RunStore, columns_of, open_run, read_table
 from tuning.scoring.remedies import TARGET
@@ -102,7 +102,7 @@ class MonteCarlo:
         if self.rows:
             drawn = self._design(np.minimum(np.arange(first, first + self.lanes), self.size - 1))
         else:
-            drawn = draw_scenarios(self.study, "population", self.lanes, first)
+            drawn = self.problem.scenarios("population", self.lanes, first)
         outcome: Outcome = self._program(drawn, self.problem.given)
         columns = {
             "scenario": np.arange(first, first + self.lanes),

@@ -18,7 +18,6 @@ import numpy as np
 from tuning.files.errors import InputError, input_error
 from tuning.files.whole import write_text
 from tuning.problem.interface import Differentiable, Problem, Scenario, Stream, problem_of
-from tuning.problem.scenarios import draw_scenarios
 from tuning.runs.folder import open_run, versions
 from tuning.scoring.grid import Grid, lane_program
 from tuning.scoring.intervals import Judgement, judge
@@ -102,7 +101,7 @@ class Search:
     @cached_property
     def scenarios(self) -> Scenario:
         """The training scenarios."""
-        return draw_scenarios(self.study, "train", self.study.scenarios.train)
+        return self.problem.scenarios("train", self.study.scenarios.train)
 
     @cached_property
     def tuner(self) -> GradientTuner:

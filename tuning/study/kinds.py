@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tuning.files.errors import input_error
 from tuning.files.kinds import ARM_STUDY, CONFIG, LOG_STUDY, STUDY, FileKind
+
+if TYPE_CHECKING:
+    from tuning.study.base import Base
 
 Tables = Mapping[str, Any]
 
@@ -111,6 +114,11 @@ def kind_named(name: str) -> Kind:
     if found is None:
         raise KeyError(name)
     return found
+
+
+def kind_of(study: Base) -> Kind:
+    """Return the kind that a study, or an estimator alone, is of: its `kind` names its joint, which may be a log's."""
+    return next(kind for kind in all_kinds() if kind.is_of(vars(study)))
 
 
 def kind_in(tables: Tables, place: str, file: FileKind) -> Kind:
