@@ -95,7 +95,7 @@ class Problem(Protocol):
         ...
 
     def scenarios(self, stream: Stream, count: int, start: int = 0) -> Scenario:
-        """Return the scenarios `start`, `start` + 1, … of a stream: each is the same however many are asked for."""
+        """Return the scenarios `start`, `start` + 1, … of a stream: each is the same however many are drawn."""
         ...
 
     def outcome(self, values: Values, scenario: Scenario, given: Any) -> Outcome:

@@ -117,7 +117,7 @@ def kind_named(name: str) -> Kind:
 
 
 def kind_of(study: Base) -> Kind:
-    """Return the kind that a study, or an estimator alone, is of: its `kind` names its joint, which may be a log's."""
+    """Return the kind that a study, or an estimator alone, is of; `kind` is that of its joint, also in a log's."""
     return next(kind for kind in all_kinds() if kind.is_of(vars(study)))
 
 
