@@ -25,11 +25,16 @@ def hash_inputs(study: Study) -> dict[str, str]:
     """
     found = [each for _, each in structures(study, "study")] if study.tune.choices else [study]
     paths = dict.fromkeys(path for each in found for path in each.inputs())
-    return {path: _hash_file(Path(path)) for path in sorted(paths)}
+    return {path: _hash_file(study.folder / path) for path in sorted(paths)}
 
 
-def check_inputs(held: Mapping[str, str], folder: object) -> None:
+def check_inputs(held: Mapping[str, str], study: Study, folder: object) -> None:
     """Check that files still hold what they held when a run was begun.
+
+    Args:
+        held: their hashes then, by their paths as the study names them.
+        study: that names them.
+        folder: of the run, for errors.
 
     Raises:
         InputError: names every file that has changed or cannot be read.
@@ -37,7 +42,7 @@ def check_inputs(held: Mapping[str, str], folder: object) -> None:
     mistakes: list[Mistake] = []
     for path, digest in held.items():
         try:
-            if _hash_file(Path(path)) != digest:
+            if _hash_file(study.folder / path) != digest:
                 problem = f"has changed since the run in {folder} was begun"
                 mistakes.append(Mistake(path, problem, "put the old file back, or name a new folder with -o"))
         except InputError as error:
