@@ -1,4 +1,4 @@
-"""The Python that documents show: what it imports is there, and it runs, after the command that stands before it."""
+"""The Python that documents show: what it imports is there, and it runs."""
 
 import ast
 import importlib

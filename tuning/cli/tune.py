@@ -275,7 +275,7 @@ def tune(
                 if j.settled_mean is not None and j.settled_mean == j.settled_mean
                 else ""
             )
-            + f"converged in {j.convergence_time:.3f} s"
+            + ("" if j.convergence_time is None else f"converged in {j.convergence_time:.3f} s")
             for name, j in (
                 (f"before, {tuned.before.scenarios} held out:", tuned.before),
                 (f"tuned, {tuned.train.scenarios} training:", tuned.train),

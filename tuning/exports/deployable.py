@@ -17,7 +17,7 @@ from tuning.exports.ranges import Limits, Order, Range, orders_of, range_of
 from tuning.files.errors import InputError, input_error
 from tuning.logs.reading import read_recording
 from tuning.study.base import Base
-from tuning.study.kinds import exported_files, kind_named
+from tuning.study.kinds import exported_files, kind_of
 from tuning.study.loading import load
 from tuning.study.parts.base import Part
 
@@ -146,7 +146,7 @@ def deployable_of(config: Base, place: str) -> Deployable:
     Raises:
         InputError: it has none, or one that no robot can run.
     """
-    make = kind_named(config.kind).deployable
+    make = kind_of(config).deployable
     if make is None:
         raise nothing_to_export(config, place)
     return make.load()(config, place)

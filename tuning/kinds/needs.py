@@ -14,8 +14,9 @@ from tuning.files.errors import input_error
 from tuning.kinds.damping.study import DampingStudy
 from tuning.kinds.estimation.study import EstimationStudy
 from tuning.runs.machine import usable_cores
-from tuning.study.base import Config, Study
-from tuning.study.limits import Need, in_count, product
+from tuning.study.base import Config, Study, Timed
+from tuning.study.kinds import kind_of
+from tuning.study.limits import Need, Needs, in_count, product
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.study.parts.rig import BandLimitedNoise, Clock
 from tuning.study.ranges import Reach
@@ -84,7 +85,7 @@ def of_fit(estimator: Estimator, place: str, *, samples: float = 0.0) -> Need:
     )
 
 
-def of_recording(study: Study, place: str) -> Need:
+def of_recording(study: Timed, place: str) -> Need:
     """Return what one recording of a study needs."""
     samples, steps = samples_of(study.clock), _integration_steps(study)
     substeps = f" × {in_count(study.substeps)} integration steps" if (study.substeps or 1) > 1 else ""  # pyright: ignore[reportAttributeAccessIssue]
@@ -100,8 +101,16 @@ def of_recording(study: Study, place: str) -> Need:
     )
 
 
+def needs_of(study: Study) -> Needs | None:
+    """Return what plans of a kind take that runs over no samples; `None` of the others."""
+    own = kind_of(study).needs
+    return None if own is None else own.load()
+
+
 def of_base(study: Study, place: str) -> list[Need]:
     """Return what every command that scores a study needs: one recording, and a compiled estimator."""
+    if not isinstance(study, Timed):
+        return []
     found = [of_recording(study, place)]
     return [*found, of_fit(study.estimator, place)] if isinstance(study, Config) else found
 
@@ -127,13 +136,22 @@ def of_scores(
         together: scores that one program returns.
         machines: like this one, that share the work.
     """
+    table = _ROW_BYTES * product(rows, _ROW_COLUMNS + columns) + 8.0 * product(together, _ROW_COLUMNS)
+    lanes = min(count, _LANES * usable_cores())
+    own = needs_of(study)
+    if own is not None:
+        memory, seconds = own.scenario
+        return replace(
+            asked,
+            memory=asked.memory + lanes * memory + table,
+            seconds=asked.seconds + product(count) * seconds / (usable_cores() * machines),
+        )
+    assert isinstance(study, Timed)
     samples, size = samples_of(study.clock), 0
     if isinstance(study, EstimationStudy):
         size = features_of(study.estimator)
-    lanes = min(count, _LANES * usable_cores())
     has_motion = _has_many_motions(study)
     lane = (_LANE_BYTES + has_motion * _MOTION_BYTES) * samples + _SQUARE_BYTES * product(size, size)
-    table = _ROW_BYTES * product(rows, _ROW_COLUMNS + columns) + 8.0 * product(together, _ROW_COLUMNS)
     step = _STEP_SECONDS + _SQUARE_SECONDS * product(size, size)
     if has_motion:
         step += _STEP_SECONDS * _integration_steps(study)
@@ -160,7 +178,8 @@ def of_sweep(study: Study, place: str, *, machines: float = 1.0) -> Need:
     )
     amount = f"{in_count(points)} points × {in_count(scenarios)} scenarios = {in_count(rows)} rows of results"
     asked = Need(place, amount, "give the axes fewer points, or fewer scenarios")
-    chunk = max(inner, min(rows, _CHUNK_STEPS / samples_of(study.clock)))
+    samples = samples_of(study.clock) if isinstance(study, Timed) else 1.0
+    chunk = max(inner, min(rows, _CHUNK_STEPS / samples))
     return of_scores(study, rows, asked, rows=rows, columns=len(sizes), together=chunk, machines=machines)
 
 
@@ -230,7 +249,8 @@ def of_held_out(study: Study, configurations: float, place: str) -> Need:
 
 def of_study(study: Study, place: str) -> list[Need]:
     """Return what a study asks for by itself: its recording, its grid, its search by default, its judgement."""
-    found = of_base(study, place)
+    own = needs_of(study)
+    found = of_base(study, place) if own is None else own.file(study, place)
     if study.sweep.grid:
         found += [*of_structures(study, place), of_sweep(study, f"{place}: sweep.grid")]
     if study.tune.parameters:
@@ -258,7 +278,7 @@ def of_export(config: object, seconds: float, place: str, option: str) -> list[N
     found, sample_time = [], _GOLDEN_SAMPLE_TIME
     if isinstance(config, Config):
         found.append(of_fit(config.estimator, place))
-    if isinstance(config, Study):
+    if isinstance(config, Timed):
         sample_time = config.clock.sample_time
         recording = of_recording(config, place)
         found.append(replace(recording, memory=0.0, seconds=0.0))
@@ -293,12 +313,12 @@ def round_up(count: float) -> float:
     return math.ceil(count - 1e-9) if math.isfinite(count) else count
 
 
-def _integration_steps(study: Study) -> float:
+def _integration_steps(study: Timed) -> float:
     # Where the lab chooses them, one or two are enough for all joints that ship.
     return float(getattr(study, "substeps", None) or 2)
 
 
-def _has_many_motions(study: Study) -> bool:
+def _has_many_motions(study: Timed) -> bool:
     """Return whether every recording has a motion of its own."""
     paths = [*study.population.paths, *study.sweep.grid]
     own = any(Reach.MOTION in study.reach(path) for path in paths)

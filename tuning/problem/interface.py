@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol, 
 from jaxtyping import Array, Float, Key
 
 from tuning.study.base import Study
-from tuning.study.kinds import kind_named
+from tuning.study.kinds import kind_of
 
 if TYPE_CHECKING:
     from vsajax.rollout.sensitivity import Loop
@@ -25,8 +25,8 @@ class Scenario(NamedTuple):
     """What tells one scenario from another, or `(scenario,)` of them.
 
     Args:
-        key: of the clock's jitter and the sensors' noise.
-        numbers: the population's numbers by path.
+        key: of all that has no number: the clock's jitter and the sensors' noise, or a pose.
+        numbers: the population's numbers by path, and what else its kind tells scenarios apart by.
     """
 
     key: Key[Array, "..."]
@@ -40,6 +40,7 @@ class Status(enum.IntEnum):
     MOTION_DIVERGED = 1
     STEP_TOO_COARSE = 2
     ESTIMATE_DIVERGED = 3
+    NO_DESIGN = 4
 
     @property
     def reason(self) -> str:
@@ -52,6 +53,7 @@ _REASONS = {
     Status.MOTION_DIVERGED: "the simulated motion is not finite",
     Status.STEP_TOO_COARSE: "the joint is too stiff for the study's integration steps: set `substeps`",
     Status.ESTIMATE_DIVERGED: "an estimate is not finite",
+    Status.NO_DESIGN: "no design can be used",
 }
 
 
@@ -78,17 +80,9 @@ class Problem(Protocol):
         """The study."""
         ...
 
-    if_not_finite: ClassVar[tuple[str, str]]
-    """The table to look at where a simulation is not finite, and what to do."""
-
     @property
     def samples(self) -> int:
-        """Number of samples of a run."""
-        ...
-
-    @property
-    def substeps(self) -> int:
-        """Integration steps a sample."""
+        """How much work a scenario is: as many samples of a joint's simulation. Chunks of a run are cut by it."""
         ...
 
     @property
@@ -96,8 +90,24 @@ class Problem(Protocol):
         """What the functions below are given: as an argument, so that one compilation serves every value."""
         ...
 
+    def scenarios(self, stream: Stream, count: int, start: int = 0) -> Scenario:
+        """Return the scenarios `start`, `start` + 1, … of a stream: each is the same however many are drawn."""
+        ...
+
     def outcome(self, values: Values, scenario: Scenario, given: Any) -> Outcome:
         """Return the scores at `values` in a scenario, and whether they count."""
+        ...
+
+
+class Recorded(Problem, Protocol):
+    """A problem whose scenarios have signals over time."""
+
+    if_not_finite: ClassVar[tuple[str, str]]
+    """The table to look at where a simulation is not finite, and what to do."""
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps a sample."""
         ...
 
     def columns(self, scenario: Scenario, given: Any) -> dict[str, Array]:
@@ -132,6 +142,6 @@ def problem_of(study: Study, varied: tuple[str, ...] = ()) -> Problem:
         study: the study.
         varied: dotted paths of the numbers that will vary, beside the population's.
     """
-    make = kind_named(study.kind).problem
+    make = kind_of(study).problem
     assert make is not None, study.kind
     return make.load()(study, varied)

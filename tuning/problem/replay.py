@@ -8,15 +8,14 @@ import jax
 import numpy as np
 
 from tuning.files.errors import input_error
-from tuning.problem.interface import Scenario, Stream, problem_of
-from tuning.problem.scenarios import draw_scenarios
+from tuning.problem.interface import Recorded, Scenario, Stream, problem_of
 from tuning.study.base import Study
 from tuning.study.loading import with_numbers
 
 
 def member(study: Study, scenario: int) -> Study:
     """Return one robot of a study's population, as a study without one."""
-    drawn = draw_scenarios(study, replay_stream(study), 1, scenario).numbers
+    drawn = problem_of(study).scenarios(replay_stream(study), 1, scenario).numbers
     alone = study.model_copy(update={"population": type(study.population)()})
     return with_numbers(alone, {path: float(value[0]) for path, value in drawn.items()}, f"scenario {scenario}")
 
@@ -36,7 +35,7 @@ def simulate(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
     Raises:
         InputError: the motion is not finite.
     """
-    problem = problem_of(study)
+    problem: Recorded = problem_of(study)  # pyright: ignore[reportAssignmentType] - a kind with a picture has signals
     signals = problem.columns(replayed(study, scenario), problem.given)
     columns = {name: np.asarray(values) for name, values in signals.items()}
     require_finite(columns, *problem.if_not_finite)
@@ -45,7 +44,7 @@ def simulate(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
 
 def replayed(study: Study, scenario: int) -> Scenario:
     """Return the scenario that a number names."""
-    return jax.tree.map(lambda x: x[0], draw_scenarios(study, replay_stream(study), 1, scenario))
+    return jax.tree.map(lambda x: x[0], problem_of(study).scenarios(replay_stream(study), 1, scenario))
 
 
 def require_finite(signals: Any, key: str, way_out: str) -> None:

@@ -15,7 +15,7 @@ from tuning.report.gather import Contestant, FinishedRun
 from tuning.report.pictures import scores as pictures
 from tuning.report.pictures.populations import draw_numbers
 from tuning.study.base import Study
-from tuning.study.kinds import kind_named
+from tuning.study.kinds import kind_of
 from tuning.study.scores import SCORES, title_of, unit_of
 
 SHOWN = 32
@@ -83,7 +83,7 @@ def show_over_time(
     study: Study, stream: Stream, shown: Sequence[int], *, of: str = "", cases: Mapping[int, str] | None = None
 ) -> Iterator[Picture]:
     """Show scenarios of a study over time, as its kind does; nothing where that has nothing to show."""
-    traces = kind_named(study.kind).traces
+    traces = kind_of(study).traces
     if traces is not None:
         yield from traces.load()(study, stream, shown, of=of, cases=cases or {})
 

@@ -83,7 +83,9 @@ def _sweep_pictures(run: FinishedRun) -> Iterator[Picture]:
     scored = [renamed(row, paths, numbers) for row in ranking if np.isfinite(row["mean"])]
     if scored and len(numbers) > 1:
         yield show_parallel(scored, numbers, "mean", f"mean {title_of(objective)}")
-    yield show_front(*_configurations(run), f"mean {title_of(objective)}")
+    time = time_of(objective)
+    if time is not None:
+        yield show_front(*_configurations(run, time), f"mean {title_of(objective)}")
     if paths:
         yield show_causes(*short_rows(run.columns, paths), objective)
 
@@ -92,12 +94,12 @@ def _is_numeric(values: np.ndarray) -> bool:
     return values.dtype.kind == "f" and bool(np.isfinite(values).all())
 
 
-def _configurations(run: FinishedRun) -> tuple[np.ndarray, np.ndarray]:
-    """Return a sweep's configurations by mean objective and median convergence time."""
+def _configurations(run: FinishedRun, time: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sweep's configurations by mean objective and the median of a score that is a time."""
     order = np.lexsort((run.columns["scenario"], run.columns["configuration"]))
     count = len(run.ranking)
     accuracy = run.columns[run.objective][order].reshape(count, -1).mean(axis=1)
-    return accuracy, np.median(run.columns[time_of(run.objective)][order].reshape(count, -1), axis=1)
+    return accuracy, np.median(run.columns[time][order].reshape(count, -1), axis=1)
 
 
 def describe_tuning(run: FinishedRun) -> Parts:

@@ -56,10 +56,11 @@ def planner_of(spec: str) -> Planner:
     from tuning.study.loading import parse_study
 
     given = json.loads(spec)
-    check_inputs(given["files"], "the run folder")
+    study = parse_study(given["study"], "manifest.json: study")
+    check_inputs(given["files"], study, "the run folder")
     module, _, name = _PLANNERS[given["command"]].partition(":")
     planner = getattr(importlib.import_module(module), name)
-    return planner.from_plan(parse_study(given["study"], "manifest.json: study"), given["plan"])
+    return planner.from_plan(study, given["plan"])
 
 
 def run_chunk(spec: str, chunk: str) -> Columns:

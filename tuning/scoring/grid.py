@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from tuning.problem.interface import Problem, Scenario, Stream
-from tuning.problem.scenarios import draw_scenarios
 from tuning.study.ranges import Reach
 from vsajax import rollout
 
@@ -139,7 +138,7 @@ class Grid:
     def arguments(self, points: np.ndarray) -> tuple[Any, Any]:
         """Return the program's arguments for some outer points: a lane for each of their parts."""
         across, along = self._cut
-        drawn = draw_scenarios(self.problem.study, self.stream, self.scenarios)
+        drawn = self.problem.scenarios(self.stream, self.scenarios)
         scenarios = _dealt(drawn, along, len(points) * across)
 
         def spread(i: int, path: str) -> np.ndarray:

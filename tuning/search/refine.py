@@ -18,14 +18,13 @@ import numpy as np
 from tuning.files.errors import InputError, input_error
 from tuning.files.whole import write_text
 from tuning.problem.interface import Differentiable, Problem, Scenario, Stream, problem_of
-from tuning.problem.scenarios import draw_scenarios
 from tuning.runs.folder import open_run, versions
 from tuning.scoring.grid import Grid, lane_program
 from tuning.scoring.intervals import Judgement, judge
 from tuning.search.descent import Algorithm
 from tuning.search.least_squares import GradientTuner, Outcome
 from tuning.search.space import Space
-from tuning.study.base import Study, resolved, study_hash, to_toml
+from tuning.study.base import Study, descended, study_hash, to_toml
 from tuning.study.loading import with_numbers
 from tuning.study.paths import numeric_paths
 from tuning.terminal.progress import progress
@@ -102,7 +101,7 @@ class Search:
     @cached_property
     def scenarios(self) -> Scenario:
         """The training scenarios."""
-        return draw_scenarios(self.study, "train", self.study.scenarios.train)
+        return self.problem.scenarios("train", self.study.scenarios.train)
 
     @cached_property
     def tuner(self) -> GradientTuner:
@@ -250,9 +249,9 @@ def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any
         "held_out": tuned.held_out.summary(),
         "before_on_held_out": tuned.before.summary(),
     }
-    tables = resolved(with_numbers(best, tuned.values, "tuned study"))
     # TOML has no number for an infinite convergence time that every reader takes; JSON's way out is a string.
-    write_text(path, to_toml(tables | {"provenance": json.loads(json.dumps(provenance), parse_constant=str)}))
+    told = json.loads(json.dumps(provenance), parse_constant=str)
+    write_text(path, to_toml(descended(with_numbers(best, tuned.values, "tuned study"), told)))
 
 
 def _screen(search: Search) -> dict[str, np.ndarray]:

@@ -5,17 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import tomlkit
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tuning.files.errors import Mistake
 from tuning.files.shipped import choose
 from tuning.files.tables import merge
 from tuning.files.text import Line
 from tuning.files.toml import SchemaVersion, Seed, Table, read_toml, validate
-from tuning.study.parts.base import AtLeastOne
+from tuning.study.parts.base import AtLeastOne, Part
 from tuning.study.parts.estimators import Estimator
 from tuning.study.parts.rig import Clock, Scorer
 from tuning.study.population import Population
@@ -23,6 +24,10 @@ from tuning.study.ranges import EVERYTHING, Axis, Bounds, Reach
 from tuning.study.scores import Objective
 from tuning.study.statistic import Statistic
 
+ROBOTS = 4096
+"""Scenarios of a Monte Carlo run for which no number is given."""
+FOLDER = "folder"
+"""Key of `provenance`: where relative paths of files that a study names start."""
 Search = Literal["sweep", "tune"]
 """A table that says what is varied and over which range."""
 
@@ -30,11 +35,14 @@ Search = Literal["sweep", "tune"]
 class Base(Table):
     """What every file says of itself.
 
-    `varied` are the tables whose numbers can be varied; `presets` those that can be a shipped file, by its folder.
+    `varied` are the tables whose numbers can be varied; `presets` those that can be a shipped file, by its folder;
+    `later` those that came when there were files of this kind already: with their defaults they are left out of
+    what is written, so that such a file keeps its hash.
     """
 
     varied: ClassVar[tuple[str, ...]] = ()
     presets: ClassVar[Mapping[str, str]] = {}
+    later: ClassVar[frozenset[str]] = frozenset()
     schema_version: SchemaVersion
     kind: str
     name: Line = "unnamed"
@@ -62,6 +70,28 @@ class Base(Table):
         """Return what is wrong though every table is right by itself; searches apart, see `structures`."""
         del place
         yield from ()
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths of files that it names start."""
+        return Path()
+
+    def notes(self) -> list[str]:
+        """Return what is worth knowing of it though it is right, in sentences."""
+        return []
+
+    def inputs(self) -> Iterator[str]:
+        """Return the paths of the files that it names, and whose contents determine results."""
+        for name in type(self).model_fields:
+            yield from _files_in(getattr(self, name))
+
+
+def _files_in(value: Any) -> Iterator[str]:
+    if isinstance(value, Part):
+        yield from (path for name in value.files if (path := getattr(value, name)) is not None)
+    if isinstance(value, Table):
+        for name in type(value).model_fields:
+            yield from _files_in(getattr(value, name))
 
 
 class Config(Base):
@@ -107,13 +137,25 @@ class Tune(Table):
 
 
 class Study(Base):
-    """Everything that the lab does with one kind of bench.
+    """Everything that the lab does with what it can score.
 
-    `contested` are the tables of what is tuned and compared; `objectives` the scores that may be minimised.
+    `contested` are the tables of what is tuned and compared; `objectives` the scores that may be minimised, the
+    first of them where nothing else is said.
     """
 
     contested: ClassVar[tuple[str, ...]] = ("estimator",)
     objectives: ClassVar[tuple[Objective, ...]] = ("msrep", "msrep_settled")
+    seed: Seed = 0
+    population: Population = Population()
+    scenarios: Scenarios = Scenarios()
+    sweep: Sweep = Sweep()
+    tune: Tune = Tune()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_objective(cls, data: dict[str, Any]) -> dict[str, Any]:
+        tune = data.get("tune", {})
+        return data | {"tune": {"objective": cls.objectives[0]} | tune} if isinstance(tune, dict) else data
 
     def no_gradient(self, place: str, method: str) -> Mistake | None:
         """Return why the objective has no gradient, which `method` needs; `None` where it has one."""
@@ -125,17 +167,43 @@ class Study(Base):
         del path
         return EVERYTHING
 
+    def robots(self, asked: int | None) -> int:
+        """Return how many scenarios a Monte Carlo run has.
+
+        Args:
+            asked: how many were asked for, if any: of each group, where a kind draws its scenarios in groups.
+        """
+        return asked or ROBOTS
+
+
+class _Clocked(Base):
+    """The clock, where it stands in a file: after the seed, and ahead of all else that `Study` has."""
+
     seed: Seed = 0
     clock: Clock
-    population: Population = Population()
-    scenarios: Scenarios = Scenarios()
-    sweep: Sweep = Sweep()
-    tune: Tune = Tune()
+
+
+class Timed(Study, _Clocked):
+    """A study of what runs over time, sampled by a clock."""
 
 
 def resolved(config: Table) -> dict[str, Any]:
     """Return every table of a configuration, defaults written out, absent features left out."""
-    return config.model_dump(exclude_none=True)
+    return config.model_dump(exclude_none=True, exclude=_still_default(config))
+
+
+def _still_default(config: Table) -> set[str]:
+    """Return the tables that came later and say nothing."""
+    if not isinstance(config, Base):
+        return set()
+    fields = type(config).model_fields
+    return {name for name in config.later if getattr(config, name) == fields[name].get_default()}
+
+
+def descended(study: Base, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tables of a study that a command made, with what it follows from; where its files lie stays."""
+    kept = {key: value for key, value in study.provenance.items() if key == FOLDER}
+    return resolved(study) | {"provenance": kept | dict(provenance)}
 
 
 def study_hash(config: Table) -> str:

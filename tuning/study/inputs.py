@@ -6,15 +6,12 @@ They are no part of the study's hash, which is that of its text; a run keeps the
 from __future__ import annotations
 
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.seal import hash_bytes
-from tuning.files.toml import Table
 from tuning.study.base import Study
-from tuning.study.parts.base import Part
 from tuning.study.structures import structures
 
 _READ = 1 << 20
@@ -27,12 +24,17 @@ def hash_inputs(study: Study) -> dict[str, str]:
         InputError: a file is missing or cannot be read.
     """
     found = [each for _, each in structures(study, "study")] if study.tune.choices else [study]
-    paths = dict.fromkeys(path for each in found for path in _named(each))
-    return {path: _hash_file(Path(path)) for path in sorted(paths)}
+    paths = dict.fromkeys(path for each in found for path in each.inputs())
+    return {path: _hash_file(study.folder / path) for path in sorted(paths)}
 
 
-def check_inputs(held: Mapping[str, str], folder: object) -> None:
+def check_inputs(held: Mapping[str, str], study: Study, folder: object) -> None:
     """Check that files still hold what they held when a run was begun.
+
+    Args:
+        held: their hashes then, by their paths as the study names them.
+        study: that names them.
+        folder: of the run, for errors.
 
     Raises:
         InputError: names every file that has changed or cannot be read.
@@ -40,21 +42,13 @@ def check_inputs(held: Mapping[str, str], folder: object) -> None:
     mistakes: list[Mistake] = []
     for path, digest in held.items():
         try:
-            if _hash_file(Path(path)) != digest:
+            if _hash_file(study.folder / path) != digest:
                 problem = f"has changed since the run in {folder} was begun"
                 mistakes.append(Mistake(path, problem, "put the old file back, or name a new folder with -o"))
         except InputError as error:
             mistakes += error.mistakes
     if mistakes:
         raise InputError(*mistakes)
-
-
-def _named(value: Any) -> Iterator[str]:
-    if isinstance(value, Part):
-        yield from (path for name in value.files if (path := getattr(value, name)) is not None)
-    if isinstance(value, Table):
-        for name in type(value).model_fields:
-            yield from _named(getattr(value, name))
 
 
 def _hash_file(path: Path) -> str:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tuning.files.errors import input_error
+from tuning.files.errors import Mistake, input_error
 from tuning.files.kinds import ARM_STUDY, CONFIG, LOG_STUDY, STUDY, FileKind
+
+if TYPE_CHECKING:
+    from tuning.study.base import Base
 
 Tables = Mapping[str, Any]
 
@@ -37,6 +40,10 @@ class Kind:
         picture: called with `(time,)` columns by name and a title, it returns the figure of one scenario.
         traces: what a report shows over time, called as `kinds.estimation.traces.show_estimates` is; `None` where
             there is nothing.
+        told: called with a study and the columns of its Monte Carlo run, it returns the `scoring.told.Told` that
+            is said of it; `None` where quantiles over all robots are.
+        page: called with the run folder of a command of its own, it returns the report; `None` where it has none.
+        needs: its `study.limits.Needs`; `None` where what a scenario takes follows from its samples.
         deployable: called with a configuration and its place in errors, it returns the `exports.deployable` that
             leaves the lab; `None` where nothing does.
         holds: whether tables are of this kind; by default those whose `kind` is its name.
@@ -48,6 +55,9 @@ class Kind:
     problem: Ref | None = None
     picture: Ref | None = None
     traces: Ref | None = None
+    told: Ref | None = None
+    page: Ref | None = None
+    needs: Ref | None = None
     deployable: Ref | None = None
     holds: Callable[[Tables], bool] | None = None
 
@@ -91,6 +101,10 @@ _ALL = (
         "arm",
         ARM_STUDY,
         Ref("tuning.kinds.arm.study:ArmStudy"),
+        problem=Ref("tuning.kinds.arm.problem:ArmProblem"),
+        told=Ref("tuning.kinds.arm.accuracy:Accuracy"),
+        page=Ref("tuning.kinds.arm.page:report_folder"),
+        needs=Ref("tuning.kinds.arm.needs:NEEDS"),
         deployable=Ref("tuning.kinds.arm.deployable:deployable_of"),
     ),
 )
@@ -113,6 +127,24 @@ def kind_named(name: str) -> Kind:
     return found
 
 
+def kind_of(study: Base) -> Kind:
+    """Return the kind that a study, or an estimator alone, is of; `kind` is that of its joint, also in a log's."""
+    return next(kind for kind in all_kinds() if kind.is_of(vars(study)))
+
+
+def lacking(place: str, study: Base, what: str, fix: str = "") -> Mistake:
+    """Return the mistake of asking a study for what its kind does not have.
+
+    Args:
+        place: the study's file.
+        study: of that kind.
+        what: that it does not have, and why in brackets.
+        fix: the way out; by default the commands that take such a file.
+    """
+    kind = kind_of(study)
+    return Mistake(place, f"kind {kind.name!r} has no {what}", fix or kind.file.use.format(file=place))
+
+
 def kind_in(tables: Tables, place: str, file: FileKind) -> Kind:
     """Return which kind of study tables are.
 
@@ -130,6 +162,11 @@ def kind_in(tables: Tables, place: str, file: FileKind) -> Kind:
         got = f"got {tables['kind']!r}" if "kind" in tables else "is missing"
         raise input_error(f"{place}: kind", got, f"allowed: {', '.join(kind.name for kind in allowed)}")
     return found
+
+
+def study_files() -> list[FileKind]:
+    """Return the kinds of file that hold a study of something that is scored."""
+    return list(dict.fromkeys([STUDY, *(kind.file for kind in all_kinds() if kind.problem is not None)]))
 
 
 def exported_files() -> list[FileKind]:

@@ -15,7 +15,7 @@ from tuning.files.kinds import CONFIG, STUDY, FileKind, kind_of, require_kind
 from tuning.files.tables import put, with_settings
 from tuning.files.toml import read_toml
 from tuning.study.base import Base, Config, Search, Study, Sweep, Tune, resolved
-from tuning.study.kinds import kind_in
+from tuning.study.kinds import kind_in, study_files
 from tuning.study.structures import check_whole
 
 
@@ -39,7 +39,7 @@ def load_config(path: Path, settings: Sequence[str] = (), *, unused: Collection[
     Raises:
         InputError: lists every mistake with its path.
     """
-    config = parse(with_settings(read_toml(path), settings), str(path), CONFIG, STUDY, unused=unused)
+    config = parse(with_settings(read_toml(path), settings), str(path), CONFIG, *study_files(), unused=unused)
     assert isinstance(config, Study | Config)
     return config
 
@@ -72,7 +72,7 @@ def parse(data: Mapping[str, Any], place: str, *wanted: FileKind, unused: Collec
 
 
 def parse_study(data: Mapping[str, Any], place: str, *, unused: Collection[Search] = ()) -> Study:
-    """Return a study of something simulated from its tables.
+    """Return a study of something that is scored from its tables.
 
     Args:
         data: the tables.
@@ -83,8 +83,7 @@ def parse_study(data: Mapping[str, Any], place: str, *, unused: Collection[Searc
     Raises:
         InputError: lists every mistake with its path.
     """
-    require_kind(data, place, STUDY)
-    study = _parse(data, place, STUDY, unused)
+    study = parse(data, place, *study_files(), unused=unused)
     assert isinstance(study, Study)
     return study
 

@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-Objective = Literal["msrep", "msrep_settled", "log_energy", "settling_time"]
+Objective = Literal[
+    "msrep",
+    "msrep_settled",
+    "log_energy",
+    "settling_time",
+    "stiffness_error",
+    "compliance_error",
+    "stiffness_change",
+]
 """Scores that a search can minimise: those of `SCORES` with `is_objective`."""
 
 
@@ -14,7 +22,7 @@ class Score(NamedTuple):
     """One number that a scenario ends with.
 
     Args:
-        name: its column in results, and its field in `vsajax.Scores` or `vsajax.SwingScores`.
+        name: its column in results, and its field in what a problem's outcome holds.
         label: its name in tables and pictures.
         unit: empty where it has none.
         better: whether a low or a high one is better.
@@ -65,7 +73,14 @@ SWINGS = (
     Score("travel", "way of the stiffness", "ranges/s", is_shown=False),
 )
 """Of a swing that dies out: the fields of `vsajax.SwingScores`."""
-SCORES: Mapping[str, Score] = MappingProxyType({score.name: score for score in (*ESTIMATES, *SWINGS)})
+HANDS = (
+    Score("stiffness_error", "relative error of the hand's stiffness", is_objective=True),
+    Score("compliance_error", "relative error of the hand's compliance", is_objective=True),
+    Score("stiffness_change", "relative change of the hand's stiffness from its design", is_objective=True),
+)
+"""Of the stiffness that an arm has at its hand."""
+_FAMILIES = (ESTIMATES, SWINGS, HANDS)
+SCORES: Mapping[str, Score] = MappingProxyType({score.name: score for family in _FAMILIES for score in family})
 
 
 def title_of(name: str) -> str:
@@ -78,7 +93,7 @@ def unit_of(name: str) -> str:
     return SCORES[name].suffix if name in SCORES else ""
 
 
-def time_of(objective: str) -> str:
-    """Return the score that says when a scenario with this objective has got there."""
-    family = SWINGS if SCORES[objective] in SWINGS else ESTIMATES
-    return next(score.name for score in family if score.is_time)
+def time_of(objective: str) -> str | None:
+    """Return the score that says when a scenario with this objective has got there; `None` where nothing moves."""
+    family = next(family for family in _FAMILIES if SCORES[objective] in family)
+    return next((score.name for score in family if score.is_time), None)

@@ -11,8 +11,9 @@ from jaxtyping import Array
 
 from tuning.kinds.damping.study import DampingStudy
 from tuning.problem.build import build, with_leaves
-from tuning.problem.interface import Outcome, Scenario, Status, Values
+from tuning.problem.interface import Outcome, Scenario, Status, Stream, Values
 from tuning.problem.replay import replayed, require_finite
+from tuning.problem.scenarios import draw_scenarios
 from vsajax import ControlLoop, SwingMotion
 from vsajax.experiments import damping
 from vsajax.experiments.damping import Exchange
@@ -57,6 +58,10 @@ class DampingProblem:
         """Return the motion in a scenario."""
         loop = with_leaves(given, scenario.numbers)
         return damping.simulate(loop, key=scenario.key, substeps=self.substeps)
+
+    def scenarios(self, stream: Stream, count: int, start: int = 0) -> Scenario:
+        """Return the scenarios `start`, `start` + 1, … of a stream, `(count,)`."""
+        return draw_scenarios(self.study, stream, count, start)
 
     def columns(self, scenario: Scenario, given: ControlLoop) -> dict[str, Array]:
         """Return the motion of a scenario by name, each `(time,)`."""

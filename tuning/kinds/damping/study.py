@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, ClassVar
-
-from pydantic import model_validator
+from typing import ClassVar
 
 from tuning.files.errors import Mistake
-from tuning.study.base import Study
+from tuning.study.base import Timed
 from tuning.study.parts.base import AtLeastOne, Positive
 from tuning.study.parts.swings import Controller, FeedbackSensor, Impact, SwingObserver, SwingScorer, SwitchedPlant
 from tuning.study.scores import Objective
 
 
-class DampingStudy(Study):
+class DampingStudy(Timed):
     """A study of a controller that brings a link to rest by its stiffness or its motor."""
 
     varied: ClassVar[tuple[str, ...]] = (
@@ -31,12 +29,6 @@ class DampingStudy(Study):
     scorer: SwingScorer = SwingScorer()
     start: Positive | None = None
     substeps: AtLeastOne = 1
-
-    @model_validator(mode="before")
-    @classmethod
-    def _own_objective(cls, data: dict[str, Any]) -> dict[str, Any]:
-        tune = data.get("tune", {})
-        return data | {"tune": {"objective": cls.objectives[0]} | tune} if isinstance(tune, dict) else data
 
     def mistakes(self, place: str) -> Iterator[Mistake]:
         """Return what is wrong of the clock: a controller's is regular."""

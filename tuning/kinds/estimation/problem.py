@@ -13,7 +13,7 @@ from jaxtyping import Array, Key
 from tuning.kinds.estimation.study import EstimationStudy
 from tuning.kinds.estimation.substeps import check_substeps, choose_substeps, rate_at_rest, try_substeps
 from tuning.problem.build import build, with_leaves
-from tuning.problem.interface import Outcome, Scenario, Status, Values
+from tuning.problem.interface import Outcome, Scenario, Status, Stream, Values
 from tuning.problem.scenarios import draw_scenarios
 from tuning.study.ranges import Reach
 from vsajax import Bench, Recording, Truth
@@ -111,6 +111,10 @@ class EstimationProblem:
     def given(self) -> Given:
         """What `record`, `outcome` and `residuals` are given."""
         return Given(self.bench, self.shared_truth)
+
+    def scenarios(self, stream: Stream, count: int, start: int = 0) -> Scenario:
+        """Return the scenarios `start`, `start` + 1, … of a stream, `(count,)`."""
+        return draw_scenarios(self.study, stream, count, start)
 
     def columns(self, scenario: Scenario, given: Given) -> dict[str, Array]:
         """Return the recording of a scenario and its truth by name, each `(time,)`."""

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from tuning.files.errors import Mistake, input_error
-from tuning.study.base import Config, Study
+from tuning.study.base import Config, Timed
 from tuning.study.loading import load_study
 from tuning.study.parts.base import AtLeastOne, Part, Positive
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair
@@ -20,7 +20,7 @@ from tuning.study.ranges import EVERYTHING, Reach
 _TORQUES = {"motor_torque", "motor1_torque", "motor2_torque", "elastic_torque"}
 
 
-class EstimationStudy(Study, Config):
+class EstimationStudy(Timed, Config):
     """A study of an estimator on a joint that is driven."""
 
     varied: ClassVar[tuple[str, ...]] = ("joint", "excitation", "sensing", "estimator", "scorer", "clock")
