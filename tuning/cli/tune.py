@@ -268,14 +268,14 @@ def tune(
     def text() -> str:
         unit = unit_of(loaded.tune.objective)
         judged = [
-            f"{name:<28} {j.value:.4g}{unit}  {between(j.low, j.high)}  median {j.median:.4g}{unit}  "
-            + ("" if j.msrep_mean is None else f"msrep {j.msrep_mean:.4g} %  ")
+            f"{name:<28} {j.value:.4g}{unit}  {between(j.low, j.high)}  median {j.median:.4g}{unit}"
+            + ("" if j.msrep_mean is None else f"  msrep {j.msrep_mean:.4g} %")
             + (
-                f"settled {j.settled_mean:.2g} %  "
+                f"  settled {j.settled_mean:.2g} %"
                 if j.settled_mean is not None and j.settled_mean == j.settled_mean
                 else ""
             )
-            + ("" if j.convergence_time is None else f"converged in {j.convergence_time:.3f} s")
+            + ("" if j.convergence_time is None else f"  converged in {j.convergence_time:.3f} s")
             for name, j in (
                 (f"before, {tuned.before.scenarios} held out:", tuned.before),
                 (f"tuned, {tuned.train.scenarios} training:", tuned.train),

@@ -10,7 +10,7 @@ from typing import Any
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.tables import put
 from tuning.files.toml import UNKNOWN_KEY, validate
-from tuning.study.base import Study, Sweep, resolved
+from tuning.study.base import Study, Sweep, every_table, resolved
 from tuning.study.choices import (
     Chosen,
     Setting,
@@ -46,7 +46,7 @@ def structures(study: Study, place: str) -> list[tuple[Chosen, Study]]:
 
 
 def _structure(study: Study, chosen: Chosen) -> Study:
-    tables = resolved(study)
+    tables = every_table(study)
     for path, value in settings_of(study.tune.choices, chosen).items():
         try:
             put(tables, path.split("."), copy.deepcopy(value))
@@ -159,7 +159,7 @@ def grid_structures(study: Study, place: str) -> list[tuple[dict[str, Setting], 
 
 def _regrid(study: Study, chosen: Mapping[str, Setting]) -> Study:
     """Return a study with settings replaced, without the keys, axes and parameters that then have no place."""
-    tables = resolved(study)
+    tables = every_table(study)
     for path, value in chosen.items():
         put(tables, path.split("."), value)
     bare = {"tune": {**tables["tune"], "parameters": {}, "choices": {}}, "sweep": {}}
