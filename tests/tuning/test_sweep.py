@@ -97,7 +97,7 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes_and_computes_only_what
 def test_a_forecast_is_of_the_whole_sweep(whole):
     planned, _ = whole
     forecast = planned.forecast()
-    assert (forecast.configurations, forecast.scenarios, forecast.chunks) == (10, SCENARIOS, 2)
+    assert forecast.chunks == 2
     # This process with jax in it holds more than 100 MB; the results of 20 rows add next to nothing.
     assert 1e8 < forecast.memory < 1e11
     assert 0.0 < forecast.run_time < 60.0

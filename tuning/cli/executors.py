@@ -11,6 +11,7 @@ import click
 
 if TYPE_CHECKING:
     from tuning.runs.executors import Executor
+    from tuning.runs.forecast import Forecast
     from tuning.study.limits import Need
 
 
@@ -83,3 +84,10 @@ def executor_for(
     if name == "slurm":
         return SlurmExecutor(folder / "jobs", workers or 1)
     return DaskExecutor(workers or usable_cores(), scheduler, wait)
+
+
+def of_forecast(forecast: Forecast) -> str:
+    """Return what a run will take, as text."""
+    memory, compiling, running = forecast.memory / 2**30, forecast.compile_time, forecast.run_time
+    said = f"memory {memory:.2f} GiB, compile {compiling:.1f} s, run {running:.1f} s"
+    return f"{forecast.chunks} chunks\n{said} (from one timed chunk; nothing written)"

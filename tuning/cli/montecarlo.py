@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tuning.cli.executors import executor_for, machines_of, needs_of_workers, with_executor
+from tuning.cli.executors import executor_for, machines_of, needs_of_workers, of_forecast, with_executor
 from tuning.terminal.following import again, words
 from tuning.terminal.options import (
     JSON,
@@ -112,23 +112,21 @@ def montecarlo(
     require(*of_base(loaded, str(study)), *asked, *needs_of_workers(executor, workers))
     require_drawable(loaded, count, "--scenarios")
     start_jax()
-    from tuning.scoring.montecarlo import MonteCarlo, compute_population, forecast, run_population
+    from tuning.scoring.montecarlo import MonteCarlo, compute_population, run_population
 
     run, design = MonteCarlo(loaded, count), MonteCarlo(loaded, count, sensitivity)
     if dry_run:
         extra = f" and {design.size} of the design" if sensitivity else ""
-        foreseen = forecast(run)
+        foreseen = run.forecast()
         if sensitivity:
-            foreseen["run_time"] *= 1.0 + len(design.chunks) / len(run.chunks)
-        seconds = foreseen["compile_time"] + foreseen["run_time"]
-        require(replace(asked[0], memory=foreseen["memory"], seconds=seconds))
+            whole = foreseen.run_time * (1.0 + len(design.chunks) / len(run.chunks))
+            foreseen = replace(foreseen, run_time=whole)
+        require(replace(asked[0], memory=foreseen.memory, seconds=foreseen.compile_time + foreseen.run_time))
         emit(
-            foreseen,
+            {"scenarios": run.size} | asdict(foreseen),
             as_json=as_json,
             quiet=quiet,
-            text=f"{count} robots{extra}, {len(run.chunks)} chunks\n"
-            f"memory {foreseen['memory'] / 2**30:.2f} GiB, compile {foreseen['compile_time']:.1f} s, "
-            f"run {foreseen['run_time']:.1f} s (from one timed chunk; nothing written)",
+            text=f"{count} robots{extra}, {of_forecast(foreseen)}",
             following=lambda: again(without="--dry-run"),
         )
         return

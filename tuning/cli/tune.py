@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tuning.cli.executors import executor_for, machines_of, needs_of_workers, with_executor
+from tuning.cli.executors import executor_for, machines_of, needs_of_workers, of_forecast, with_executor
 from tuning.cli.following import improve
 from tuning.terminal.following import Words, again, deploy, run_folder, words
 from tuning.terminal.options import (
@@ -103,7 +103,14 @@ def sweep(
     if dry_run:
         foreseen = planned.forecast()
         require(replace(asked, memory=foreseen.memory, seconds=foreseen.compile_time + foreseen.run_time))
-        _print_forecast(foreseen, as_json=as_json, quiet=quiet)
+        emit(
+            {"configurations": planned.configurations, "scenarios": planned.scenarios} | asdict(foreseen),
+            as_json=as_json,
+            quiet=quiet,
+            text=f"{planned.configurations} configurations × {planned.scenarios} scenarios, "
+            f"{of_forecast(foreseen)}",
+            following=lambda: again(without="--dry-run"),
+        )
         return
     store = planned.open(folder, resume=resume)
     results = planned.run(store, where, quiet=quiet)
@@ -137,21 +144,6 @@ def _after_sweep(study: Study, best: Path) -> Words:
     """Return how to go on from a sweep's winner: tune it, run it over its population, or see the report."""
     following = improve(study, best, beside=best.parent)
     return following if following[0] != "export" else words("report", best.parent)
-
-
-def _print_forecast(forecast: Any, *, as_json: bool, quiet: bool) -> None:
-    from dataclasses import asdict
-
-    emit(
-        asdict(forecast),
-        as_json=as_json,
-        quiet=quiet,
-        text=f"{forecast.configurations} configurations × {forecast.scenarios} scenarios, "
-        f"{forecast.chunks} chunks\n"
-        f"memory {forecast.memory / 2**30:.2f} GiB, compile {forecast.compile_time:.1f} s, "
-        f"run {forecast.run_time:.1f} s (from one timed chunk; nothing written)",
-        following=lambda: again(without="--dry-run"),
-    )
 
 
 @click.command(epilog="Example: vsajax tune study.toml -o runs/t --method gradient")
@@ -297,8 +289,6 @@ def tune(
 
 def _refined(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict[str, Any], list[str]]:
     """Return what is reported of the starts of a gradient, for machines and for people."""
-    from dataclasses import asdict
-
     from tuning.study.scores import unit_of
 
     headers = [

@@ -22,10 +22,10 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from tuning.files.errors import InputError, input_error
-from tuning.terminal.progress import progress
-from tuning.runs.scheduler import CONNECT_WITHIN, Patience, require_scheduler, unreachable
 from tuning.runs.folder import RunStore, columns_of, is_file, read_sealed
+from tuning.runs.scheduler import CONNECT_WITHIN, Patience, require_scheduler, unreachable
 from tuning.runs.workers import Columns, planner_of, result_file, run_chunk, run_of, run_share, spec_of
+from tuning.terminal.progress import progress
 
 Results = Generator[tuple[str, Columns], None, None]
 

@@ -8,13 +8,11 @@ RUN/.lock                 who is at work on it
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import platform
 import stat
 import sys
-import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -27,13 +25,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tuning.files.errors import InputError, input_error
-from tuning.study.inputs import check_inputs, hash_inputs
-from tuning.runs.lock import NAME as LOCK
-from tuning.runs.lock import FolderLock, lock_folder
 from tuning.files.seal import (
     KEY,
     SEALED,
-    Digest,
     bare,
     breaks_seal,
     fault,
@@ -43,24 +37,11 @@ from tuning.files.seal import (
     seal_tables,
     sealed,
 )
-from tuning.study.base import Study, hash_resolved, resolved, study_hash
 from tuning.files.whole import write_tables, write_text
-
-import itertools
-import os
-import uuid
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
-import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pa_csv
-import pyarrow.parquet as pa_parquet
-import pyarrow.parquet as pq
-from tuning.files.errors import input_error
-from tuning.files.seal import (
-    KEY,
-    Digest,
-)
+from tuning.runs.lock import NAME as LOCK
+from tuning.runs.lock import FolderLock, lock_folder
+from tuning.study.base import Study, hash_resolved, resolved, study_hash
+from tuning.study.inputs import check_inputs, hash_inputs
 
 _LEGACY = {
     "command": str,
@@ -147,6 +128,16 @@ class RunStore:
             InputError: it cannot be read, or is not as it was written.
         """
         return columns_of(self._read(chunk))
+
+    def computed(self, chunk: str, compute: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        """Return the columns of a chunk, which is computed and kept first if it is not finished.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        if not self.is_finished(chunk):
+            self.write_chunk(chunk, compute())
+        return self.read_chunk(chunk)
 
     def finish(self) -> Path:
         """Join all chunks into `results.parquet`, holding few of them at a time, and return where it is.
@@ -348,8 +339,6 @@ _KINDS = {
 }
 
 
-
-
 def read_sealed(path: Path, run: str, chunk: str, *, needs_seal: bool = True) -> pa.Table:
     """Return a chunk of a run, if it is as it was written.
 
@@ -404,14 +393,6 @@ def _table_of(columns: Mapping[str, np.ndarray]) -> pa.Table:
 
 def _first_line(error: BaseException) -> str:
     return str(error).strip().partition("\n")[0][:200] or type(error).__name__
-
-
-
-
-
-
-
-
 
 
 def versions() -> dict[str, str]:

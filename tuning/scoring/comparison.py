@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -88,9 +89,7 @@ def compare(
     scores: list[dict[str, np.ndarray]] = []
     with progress("compare", len(names), quiet=quiet) as advance:
         for chunk, (name, study) in zip(store.chunks, studies.items(), strict=True):
-            if not store.is_finished(chunk):
-                store.write_chunk(chunk, _score(name, study))
-            scores.append(store.read_chunk(chunk))
+            scores.append(store.computed(chunk, partial(_score, name, study)))
             advance()
     store.finish()
     return _pair(names, scores, first)

@@ -6,8 +6,6 @@ Scenario i is the same robot with the same noise whatever the number of workers,
 from __future__ import annotations
 
 import math
-import resource
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,6 +21,7 @@ from tuning.problem.interface import Outcome, Problem, Scenario, problem_of
 from tuning.problem.scenarios import stream_key
 from tuning.runs.executors import Executor, complete
 from tuning.runs.folder import RunStore, columns_of, open_run, read_table
+from tuning.runs.forecast import Forecast, foresee
 from tuning.scoring.remedies import TARGET
 from tuning.scoring.summary import Columns, Summary, quantile, summarise
 from tuning.study.base import Study
@@ -133,6 +132,11 @@ class MonteCarlo:
         numbers = population.values(shares, numeric_paths(self.study))
         return Scenario(keys, {path: jnp.asarray(values) for path, values in numbers.items()})
 
+    def forecast(self) -> Forecast:
+        """Compile and time one chunk."""
+        # The results are joined chunk by chunk; the summary holds them once, and a sorted column.
+        return foresee(self, [self.chunks], lambda columns: 8 * (len(columns) + 4) * self.size)
+
     def open(self, folder: Path, *, resume: bool) -> RunStore:
         """Return the run's store."""
         return open_run(folder, "montecarlo", self.study, self.plan, self.chunks, resume=resume)
@@ -201,23 +205,3 @@ def compute_population(
 def _is_precise(columns: Columns, objective: str, precision: float) -> bool:
     found = quantile(columns[objective][~np.isnan(columns[objective])], 0.95)
     return max(found.high - found.value, found.value - found.low) <= precision * abs(found.value)
-
-
-def forecast(run: MonteCarlo) -> dict[str, float]:
-    """Compile and time one chunk: chunks, memory [bytes], compilation and run time of all [s]."""
-    first = run.chunks[0]
-    start = time.perf_counter()
-    columns = run.run_chunk(first)
-    compiled = time.perf_counter()
-    run.run_chunk(first)
-    once = time.perf_counter() - compiled
-    # Linux counts in KiB. The results are joined chunk by chunk; the summary holds them once, and a sorted column.
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    table = 8 * (len(columns) + 4) * run.size
-    return {
-        "scenarios": run.size,
-        "chunks": len(run.chunks),
-        "memory": peak + table,
-        "compile_time": compiled - start - once,
-        "run_time": once * len(run.chunks),
-    }

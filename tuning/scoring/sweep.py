@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +17,7 @@ from tuning.files.whole import write_text
 from tuning.problem.interface import problem_of
 from tuning.runs.executors import Executor, Inline, complete
 from tuning.runs.folder import RunStore, open_run, read_table, versions
+from tuning.runs.forecast import Forecast, foresee
 from tuning.scoring.grid import Grid
 from tuning.study.base import Study, descended, study_hash, to_toml
 from tuning.study.choices import Setting, options_of
@@ -30,27 +30,6 @@ Value = float | Setting
 
 _STEPS_PER_CHUNK = 1.0e8
 """Lane-steps in a chunk: a few seconds of work. A constant, so that a resumed run has the same chunks."""
-
-
-@dataclass(frozen=True)
-class Forecast:
-    """What a sweep will take, from one timed chunk.
-
-    Args:
-        configurations: points of the grid.
-        scenarios: noise draws at each.
-        chunks: into which the work is cut.
-        memory: peak of the process while a chunk runs [bytes].
-        compile_time: [s].
-        run_time: of all chunks together, compilation apart [s].
-    """
-
-    configurations: int
-    scenarios: int
-    chunks: int
-    memory: int
-    compile_time: float
-    run_time: float
 
 
 @dataclass(frozen=True)
@@ -198,28 +177,12 @@ class GridSweep:
 
     def forecast(self) -> Forecast:
         """Compile and time one chunk of every structure."""
-        import resource
-
-        compile_time = run_time = 0.0
-        for structure in self.structures:
-            chunks = [i for i, (one, _) in enumerate(self._places) if one is structure]
-            first, again = (_timed(lambda at=chunks[0]: self.run_chunk(self.chunks[at])) for _ in range(2))
-            # The second takes longer where others use the machine: what compiling took is then not known.
-            compile_time += max(first - again, 0.0)
-            run_time += min(first, again) * len(chunks)
-        # Linux counts in KiB; the resident peak holds the programs, their inputs and one chunk's results.
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+        programs = [
+            [chunk for chunk, (one, _) in zip(self.chunks, self._places, strict=True) if one is structure]
+            for structure in self.structures
+        ]
         rows = self.configurations * self.scenarios
-        table = rows * 8 * (2 + len(self.axes) + 11) * 3
-        return Forecast(
-            self.configurations, self.scenarios, len(self.chunks), peak + table, compile_time, run_time
-        )
-
-
-def _timed(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
+        return foresee(self, programs, lambda columns: 24 * len(columns) * rows)
 
 
 def plan_sweep(study: Study, place: str) -> GridSweep:

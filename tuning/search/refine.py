@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -161,12 +161,9 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
     with progress(f"tune ({search.method})", len(chunks), quiet=quiet) as advance:
 
         def finished(chunk: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-            if not store.is_finished(chunk):
-                begin, rows = time.perf_counter(), compute()
-                taken = (time.perf_counter() - begin) / max(1, len(rows["objective"]))
-                store.write_chunk(chunk, rows | {"seconds": np.full(len(rows["objective"]), taken)})
+            rows = store.computed(chunk, partial(_timed, compute))
             advance()
-            return store.read_chunk(chunk)
+            return rows
 
         screened = finished("screen", lambda: _screen(search))
         points = np.stack([screened[path] for path in search.space.paths], axis=1)
@@ -273,3 +270,10 @@ def _rows(
 ) -> dict[str, Any]:
     columns: dict[str, Any] = {path: points[:, i] for i, path in enumerate(search.space.paths)}
     return columns | {"objective": objective, "steps": steps, "message": np.array([message] * len(points))}
+
+
+def _timed(compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return rows with the seconds that each took."""
+    begin, rows = time.perf_counter(), compute()
+    count = len(rows["objective"])
+    return rows | {"seconds": np.full(count, (time.perf_counter() - begin) / max(1, count))}

@@ -21,7 +21,7 @@ COMPUTES = (
     "tuning.kinds.log.problem.LogSearch.run",
     "tuning.scoring.montecarlo.run_population",
     "tuning.scoring.montecarlo.compute_population",
-    "tuning.scoring.montecarlo.forecast",
+    "tuning.scoring.montecarlo.MonteCarlo.forecast",
     "tuning.scoring.comparison.compare",
     "tuning.search.contest._tune",
     "tuning.kinds.arm.design.design_pose",

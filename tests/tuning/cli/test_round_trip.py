@@ -14,8 +14,9 @@ from tuning.files.shipped import CONFIGS
 from tuning.files.whole import write_table
 from tuning.kinds.arm.study import load_arm_study
 from tuning.logs.columns import read_log_file
+from tuning.runs.forecast import Forecast
 from tuning.scoring.intervals import judge
-from tuning.scoring.sweep import Forecast, GridSweep
+from tuning.scoring.sweep import GridSweep
 from tuning.search.refine import Search
 from tuning.study.base import Tune, resolved, study_hash, to_toml
 from tuning.study.loading import load_config, load_study
@@ -188,7 +189,7 @@ def test_a_sweep_is_forecast_run_and_reported(vsajax, tiny, tmp_path, monkeypatc
     forecast = answer(vsajax(*words, "--dry-run", "--json"))
     assert not run.exists()
     assert (forecast["configurations"], forecast["scenarios"], forecast["chunks"]) == (6, 2, 1)
-    monkeypatch.setattr(GridSweep, "forecast", lambda _: Forecast(6, 2, 1, 2**30, 1.5, 2.5))
+    monkeypatch.setattr(GridSweep, "forecast", lambda _: Forecast(1, 2**30, 1.5, 2.5))
     said = vsajax(*words, "--dry-run").out
     for expected in ("6 configurations × 2 scenarios, 1 chunks", "1.00 GiB", "compile 1.5 s", "run 2.5 s"):
         assert expected in said
