@@ -43,18 +43,18 @@ def old_names(module: str, moved: Mapping[str, str]) -> Callable[[str], Any]:
 
     Args:
         module: full name of that module.
-        moved: full name of the module that now has it, by name; or that of a module by its own old name.
+        moved: by name, the full name of the module that now has it, `module:name` if it has another name there;
+            or the full name of a module, by its own old name.
     """
 
     def find(name: str) -> Any:
         if name not in moved:
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        new = importlib.import_module(moved[name])
-        if not hasattr(new, name):
-            _warn(f"{module}.{name}", moved[name])
-            return new
-        _warn(f"{module}.{name}", f"{moved[name]}.{name}")
-        return getattr(new, name)
+        place, _, renamed = moved[name].partition(":")
+        new, own = importlib.import_module(place), renamed or name
+        is_module = not hasattr(new, own)
+        _warn(f"{module}.{name}", place if is_module else f"{place}.{own}")
+        return new if is_module else getattr(new, own)
 
     return find
 

@@ -30,7 +30,8 @@ TREES = {
     )
     for path in sorted(ROOT.rglob("*.py"))
 }
-DOOR = {"tuning", "tuning.__main__"}
+OLD_NAMES = {"tuning.build", "tuning.runtime"}
+DOOR = {"tuning", "tuning.__main__"} | OLD_NAMES
 """What belongs to no room."""
 
 

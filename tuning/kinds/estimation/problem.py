@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Key
+from jaxtyping import Array, Float, Key
 
 from tuning.kinds.estimation.study import EstimationStudy
 from tuning.kinds.estimation.substeps import check_substeps, choose_substeps, rate_at_rest, try_substeps
