@@ -156,7 +156,7 @@ class Clock(Part):
 class Scorer(Part):
     """How estimates are compared with the truth."""
 
-    target = "metrics.Scorer"
+    target = "scores.Scorer"
     warm_up: NonNegative = 2.0
     tolerance: Positive = 0.05
     sigmas: Positive = 1.959963984540054

@@ -230,5 +230,5 @@ Controller = Annotated[
 class SwingScorer(Part):
     """How coming to rest is judged."""
 
-    target = "settling.SwingScorer"
+    target = "scores.SwingScorer"
     band: Positive = 0.05
