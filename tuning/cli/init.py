@@ -156,15 +156,12 @@ def _needs_of(config: Table, place: str) -> list[Need]:
     from tuning.kinds import needs
     from tuning.kinds.arm.needs import of_arm
     from tuning.kinds.arm.study import ArmStudy
-    from tuning.kinds.log.study import LogStudy
     from tuning.study.base import Config, Study
 
     if isinstance(config, ArmStudy):
         return of_arm(config, place)
     if isinstance(config, Study):
         return needs.of_study(config, place)
-    if isinstance(config, LogStudy):
-        return [needs.of_fit(config.estimator, place), needs.of_log_search(config, place)]
     return [needs.of_fit(config.estimator, place)] if isinstance(config, Config) else []
 
 
@@ -188,9 +185,9 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
 
         return kinds.SIGNAL_MAP, read_signal_map(path, settings)
     if kind is kinds.LOG_STUDY:
-        from tuning.kinds.log.study import load_log_study
+        from tuning.study.loading import load_study
 
-        return kinds.LOG_STUDY, load_log_study(path, settings)
+        return kinds.LOG_STUDY, load_study(path, settings)
     if kind is kinds.ARM_STUDY:
         from tuning.kinds.arm.study import load_arm_study
 

@@ -82,9 +82,10 @@ def montecarlo(
 
     For an arm: what an error in its joints' stiffness costs at the hand.
     """
-    from tuning.files.errors import input_error
+    from tuning.files.errors import InputError, input_error
     from tuning.files.kinds import ARM_STUDY, kind_of
     from tuning.files.toml import read_toml
+    from tuning.study.kinds import lacking
     from tuning.study.loading import load_study
 
     if kind_of(read_toml(study)) is ARM_STUDY:
@@ -95,6 +96,8 @@ def montecarlo(
         refuse_given("does not go with a study of an arm", *own, *spread)
         return run_arm_accuracy(study, folder, scenarios, settings, seed, as_json, quiet)
     loaded = load_study(study, with_seed(settings, seed), unused=["sweep"])
+    if because := loaded.no_scenarios():
+        raise InputError(lacking(str(study), loaded, f"scenarios to draw ({because})"))
     if sensitivity & (sensitivity - 1):
         below = 1 << (sensitivity.bit_length() - 1)
         raise input_error("--sensitivity", f"got {sensitivity}", f"allowed: powers of two, e.g. {below}")

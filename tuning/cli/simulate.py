@@ -40,11 +40,18 @@ def simulate(
     quiet: bool,
 ) -> None:
     """Simulate one recording of STUDY, with truth columns, and draw it beside the file."""
+    from tuning.files.errors import InputError
     from tuning.files.whole import table_suffix
+    from tuning.study.base import Timed
+    from tuning.study.kinds import kind_of, lacking
     from tuning.study.loading import load_study
 
     own = with_seed(settings, seed)
     loaded = load_study(study, own, unused=("sweep", "tune"))
+    draw = kind_of(loaded).picture
+    if draw is None:
+        raise InputError(lacking(str(study), loaded, "simulation"))
+    assert isinstance(loaded, Timed)
     table_suffix(output)
     from tuning.kinds.needs import of_recording, require_drawable
     from tuning.runs.machine import start_jax
@@ -57,7 +64,6 @@ def simulate(
     from tuning.pictures.style import save
     from tuning.problem import replay
     from tuning.study.base import resolved, to_toml
-    from tuning.study.kinds import kind_of
 
     columns, substeps = replay.simulate(loaded, scenario)
     write_table(output, columns)
@@ -65,8 +71,6 @@ def simulate(
     if loaded.population.paths:
         robot = output.with_suffix(".toml")
         write_text(robot, to_toml(resolved(replay.member(loaded, scenario))))
-    draw = kind_of(loaded).picture
-    assert draw is not None
     picture = save(draw.load()(columns, title=loaded.name), output.with_suffix(".png"))
     emit(
         {

@@ -17,6 +17,8 @@ from tuning.study.kinds import kind_of
 Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
 Vector = Float[Array, " p"]
+LANES = 256
+"""`Problem.lanes` where outcomes are computed sample by sample; more are too many for the cache."""
 
 
 class Scenario(NamedTuple):
@@ -78,6 +80,8 @@ class Problem(Protocol):
 
     if_not_finite: ClassVar[tuple[str, str]]
     """The table to look at where a simulation is not finite, and what to do."""
+    lanes: ClassVar[int]
+    """Outcomes computed at a time on a device; more fall out of the cache, or of memory."""
 
     @property
     def samples(self) -> int:

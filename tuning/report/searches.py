@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tuning.pictures.page import Picture, number, valued
+from tuning.problem.finding import Finding, find
 from tuning.report import tables
 from tuning.report.effort import show_effort
 from tuning.report.elements import (
@@ -83,7 +84,9 @@ def _sweep_pictures(run: FinishedRun) -> Iterator[Picture]:
     scored = [renamed(row, paths, numbers) for row in ranking if np.isfinite(row["mean"])]
     if scored and len(numbers) > 1:
         yield show_parallel(scored, numbers, "mean", f"mean {title_of(objective)}")
-    yield show_front(*_configurations(run), f"mean {title_of(objective)}")
+    time = time_of(objective)
+    if time is not None:
+        yield show_front(*_configurations(run, time), f"mean {title_of(objective)}")
     if paths:
         yield show_causes(*short_rows(run.columns, paths), objective)
 
@@ -92,26 +95,28 @@ def _is_numeric(values: np.ndarray) -> bool:
     return values.dtype.kind == "f" and bool(np.isfinite(values).all())
 
 
-def _configurations(run: FinishedRun) -> tuple[np.ndarray, np.ndarray]:
-    """Return a sweep's configurations by mean objective and median convergence time."""
+def _configurations(run: FinishedRun, time: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sweep's configurations by mean objective and the median of a score that is a time."""
     order = np.lexsort((run.columns["scenario"], run.columns["configuration"]))
     count = len(run.ranking)
     accuracy = run.columns[run.objective][order].reshape(count, -1).mean(axis=1)
-    return accuracy, np.median(run.columns[time_of(run.objective)][order].reshape(count, -1), axis=1)
+    return accuracy, np.median(run.columns[time][order].reshape(count, -1), axis=1)
 
 
 def describe_tuning(run: FinishedRun) -> Parts:
     """Return what there is to say of a search."""
     before, after = run.contestants
     statistic, seed = run.study.tune.statistic, run.study.seed
+    count = run.study.scenarios.held_out
+    where = "what was held out" if count == 1 else f"{count} held-out scenarios"
     headline = (
-        f"Tuning takes {say_value(run, before)} to {say_value(run, after)} on {run.study.scenarios.held_out} "
-        f"held-out scenarios: {say_difference(run, before, after)}."
+        f"Tuning takes {say_value(run, before)} to {say_value(run, after)} on {where}: "
+        f"{say_difference(run, before, after)}."
     )
     tried = _tried(run)
     found = [
         tables.tabulate_scores(run.contestants, seed, statistic),
-        tables.tabulate_differences(before, after, statistic, seed),
+        *([] if count == 1 else [tables.tabulate_differences(before, after, statistic, seed)]),
         replace(
             tables.tabulate_changes(what_is_tuned(before), what_is_tuned(after), ("before", "tuned")),
             title="What tuning changed",
@@ -120,7 +125,10 @@ def describe_tuning(run: FinishedRun) -> Parts:
     if tried:
         label = f"training {title_of(run.objective)}"
         found.insert(0, tables.tabulate_ranking(tried, _numbers_of(run, tried), "objective", label))
-    return Parts(headline, _tune_pictures(run), found, [])
+    finding = Finding() if after.study is None else find(run.study, after.study)
+    if finding.table is not None:
+        found.insert(0, finding.table)
+    return Parts(headline, _tune_pictures(run), found, [*finding.notes, *finding.sentences])
 
 
 def what_is_tuned(contestant: Contestant) -> dict[str, Any]:

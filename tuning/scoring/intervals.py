@@ -31,7 +31,8 @@ class Judgement:
         q90: 90 % quantile.
         msrep_mean: mean of the printed index; `None` where no estimate is judged.
         settled_mean: mean of the same from the warm-up time on; `None` likewise.
-        convergence_time: median over the scenarios, of a control loop that of its settling time [s].
+        convergence_time: median over the scenarios, of a control loop that of its settling time; `None` where
+            nothing moves [s].
         diverged: scenarios in which an estimate was not finite; they are left out of the other numbers.
         scenarios: how many were run.
         each: the objective in every scenario [%].
@@ -46,7 +47,7 @@ class Judgement:
     q90: float
     msrep_mean: float | None
     settled_mean: float | None
-    convergence_time: float
+    convergence_time: float | None
     diverged: int
     scenarios: int
     each: np.ndarray
@@ -63,7 +64,7 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
     kept = is_finite if is_finite.any() else ~is_finite
     values = scores[tune.objective][kept]
     low, high = interval(values, tune.statistic, seed=seed)
-    times = scores[time_of(tune.objective)]
+    time = time_of(tune.objective)
 
     def mean(name: str) -> float | None:
         return float(np.mean(scores[name][kept])) if name in scores else None
@@ -78,7 +79,7 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
         q90=float(np.quantile(values, 0.9)),
         msrep_mean=mean("msrep"),
         settled_mean=mean("msrep_settled"),
-        convergence_time=float(np.median(times[kept])),
+        convergence_time=None if time is None else float(np.median(scores[time][kept])),
         diverged=int(np.sum(~is_finite)),
         scenarios=values.size + int(np.sum(~kept)),
         each=scores[tune.objective],

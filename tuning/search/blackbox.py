@@ -19,12 +19,16 @@ import numpy as np
 import optuna
 from optuna.samplers import BaseSampler, CmaEsSampler, TPESampler
 
-from tuning.files.errors import input_error
+from tuning.files.errors import InputError, input_error
+from tuning.problem.finding import find
 from tuning.runs.folder import open_run
 from tuning.runs.journal import Journal, open_journal
 from tuning.search.refine import Search, Tuned, nothing_to_tune, write_best
-from tuning.study.base import Study
+from tuning.study.base import Study, Timed
 from tuning.study.choices import Chosen
+from tuning.study.kinds import lacking
+from tuning.study.loading import with_numbers
+from tuning.study.scores import time_of
 from tuning.study.structures import structures
 from tuning.terminal.progress import progress
 
@@ -43,27 +47,33 @@ class Trial:
         chosen: option by choice.
         values: the tuned numbers by path; only those that exist in the chosen structure.
         objective: statistic of the training objective [%]; NaN where it failed.
-        convergence_time: median over the training scenarios, at most the recording's duration [s].
         seconds: since the search began, without interruptions.
+        convergence_time: median over the training scenarios, at most the recording's duration; `None` where nothing
+            moves [s].
     """
 
     number: int
     chosen: Chosen
     values: dict[str, float]
     objective: float
-    convergence_time: float
     seconds: float
+    convergence_time: float | None = None
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """The objective, and the time where there is one."""
+        time = {} if self.convergence_time is None else {"convergence_time": self.convergence_time}
+        return {"objective": self.objective} | time
 
     @property
     def is_scored(self) -> bool:
         """Whether its scores are finite."""
-        return math.isfinite(self.objective) and math.isfinite(self.convergence_time)
+        return all(map(math.isfinite, self.scores.values()))
 
     def row(self) -> dict[str, Any]:
         """Return it as one flat row."""
         chosen = {_choice_key(name): option for name, option in self.chosen.items()}
-        scores = {"objective": self.objective, "convergence_time": self.convergence_time}
-        return {"number": self.number, **chosen, **self.values, **scores}
+        return {"number": self.number, **chosen, **self.values, **self.scores}
 
 
 @dataclass(frozen=True)
@@ -109,6 +119,11 @@ class BlackBox:
         found = structures(self.study, "study")
         return {tuple(chosen.values()): Search(study, self.method) for chosen, study in found}
 
+    def build(self) -> None:
+        """Make the problem of every structure: what cannot be computed is told ahead of what is written."""
+        for search in self.searches.values():
+            _ = search.problem
+
     def search_of(self, chosen: Chosen) -> Search:
         """Return the search of a combination of options."""
         return self.searches[tuple(chosen.values())]
@@ -151,8 +166,11 @@ class BlackBox:
         return first
 
     def evaluate(self, asked: Sequence[tuple[Chosen, Mapping[str, float]]]) -> np.ndarray:
-        """Return `(trial, 2)` objectives [%] and convergence times [s]; a structure's trials are one batch."""
-        scored = np.full((len(asked), 2), np.nan)
+        """Return `(trial, 2)` objectives and convergence times [s]; a structure's trials are one batch.
+
+        Where nothing moves there are no times, and one column.
+        """
+        scored = np.full((len(asked), 2 if isinstance(self.study, Timed) else 1), np.nan)
         for options, search in self.searches.items():
             members = [i for i, (chosen, _) in enumerate(asked) if tuple(chosen.values()) == options]
             if not members:
@@ -162,8 +180,11 @@ class BlackBox:
             filled = np.pad(points, ((0, self.batch - len(members)), (0, 0)), mode="edge")
             scores = search.score(filled)
             objective = search.study.tune.statistic.of(np.asarray(getattr(scores, search.study.tune.objective)))
-            times = np.minimum(np.asarray(scores.convergence_time), search.study.clock.duration)
-            scored[members] = np.stack([objective, np.median(times, axis=-1)], axis=1)[: len(members)]
+            found = [objective]
+            if isinstance(search.study, Timed):
+                times = np.minimum(np.asarray(scores.convergence_time), search.study.clock.duration)
+                found.append(np.median(times, axis=-1))
+            scored[members] = np.stack(found, axis=1)[: len(members)]
         return scored
 
     def told(self, score: np.ndarray) -> list[float]:
@@ -188,7 +209,12 @@ def plan_blackbox(study: Study, method: BlackBoxMethod, batch: int, place: str) 
         problem = f"got {len(tune.parameters)}, and --batch {batch}"
         fix = "CMA-ES needs two or more parameters and batches of four or more; use --method tpe"
         raise input_error(f"{place}: tune.parameters", problem, fix)
-    return BlackBox(study, method, batch)
+    if method == "pareto" and time_of(tune.objective) is None:
+        why = "nothing moves, and --method pareto holds accuracy against it"
+        raise InputError(lacking(place, study, f"convergence time ({why})", "use --method cmaes or tpe"))
+    box = BlackBox(study, method, batch)
+    box.build()
+    return box
 
 
 def explore(
@@ -230,7 +256,8 @@ def run_batch(box: BlackBox, journal: Journal, count: int, began: float) -> None
     for trial, score in zip(asked, scores, strict=True):
         # JSON has no NaN that every reader takes.
         kept = [float(x) if math.isfinite(x) else None for x in score]
-        trial.set_user_attr("scored", {"objective": kept[0], "convergence_time": kept[1], "seconds": seconds})
+        named = dict(zip(("objective", "convergence_time"), kept, strict=False))
+        trial.set_user_attr("scored", named | {"seconds": seconds})
         search.tell(trial, box.told(score))
     journal.mark()
 
@@ -258,10 +285,15 @@ def read_trials(journal: Journal) -> list[Trial]:
 def find_front(trials: Sequence[Trial]) -> list[Trial]:
     """Return the scored trials that no other beats in accuracy or convergence time, the most accurate first."""
     front: list[Trial] = []
-    for trial in sorted(trials, key=lambda t: (t.objective, t.convergence_time, t.number)):
-        if trial.is_scored and (not front or trial.convergence_time < front[-1].convergence_time):
+    for trial in sorted(trials, key=lambda t: (t.objective, _time(t), t.number)):
+        if trial.is_scored and (not front or _time(trial) < _time(front[-1])):
             front.append(trial)
     return front
+
+
+def _time(trial: Trial) -> float:
+    """Return when a trial has converged; at once where nothing moves: the front is then its best."""
+    return trial.convergence_time or 0.0
 
 
 def _conclude(box: BlackBox, trials: list[Trial], folder: Path) -> Explored:
@@ -280,6 +312,8 @@ def _conclude(box: BlackBox, trials: list[Trial], folder: Path) -> Explored:
         Search(study, box.method).judge({}, "held_out", study.scenarios.held_out),
         len(trials),
         trials[-1].seconds,
+        objective=best.objective,
+        finding=find(study, with_numbers(search.study, best.values, "tuned study")),
     )
     explored = Explored(tuned, best, trials, front if box.method == "pareto" else [best])
     source = {
@@ -302,8 +336,8 @@ def _columns(box: BlackBox, trials: Sequence[Trial]) -> dict[str, np.ndarray]:
         columns[_choice_key(name)] = np.array([trial.chosen[name] for trial in trials])
     for path in box.study.tune.parameters:
         columns[path] = np.array([trial.values.get(path, math.nan) for trial in trials])
-    for name in ("objective", "convergence_time"):
-        columns[name] = np.array([getattr(trial, name) for trial in trials])
+    for name in trials[0].scores:
+        columns[name] = np.array([trial.scores[name] for trial in trials])
     # Of a batch, which is timed as a whole, each trial's share.
     ends, batch, size = np.unique([trial.seconds for trial in trials], return_inverse=True, return_counts=True)
     columns["seconds"] = (np.diff(ends, prepend=0.0) / size)[batch]

@@ -151,6 +151,10 @@ class Study(Base):
         tune = data.get("tune", {})
         return data | {"tune": {"objective": cls.objectives[0]} | tune} if isinstance(tune, dict) else data
 
+    def deployed(self) -> Base:
+        """Return what is of use on a robot: what `best.toml` holds of a study that was tuned."""
+        return self
+
     def no_gradient(self, place: str, method: str) -> Mistake | None:
         """Return why the objective has no gradient, which `method` needs; `None` where it has one."""
         del place, method
@@ -160,6 +164,10 @@ class Study(Base):
         """Return what the number at a path changes at most."""
         del path
         return EVERYTHING
+
+    def no_scenarios(self) -> str:
+        """Return why no scenarios are drawn; nothing where they are."""
+        return ""
 
     def robots(self, asked: int | None) -> int:
         """Return how many scenarios a Monte Carlo run has.
@@ -186,12 +194,17 @@ def resolved(config: Table) -> dict[str, Any]:
     return config.model_dump(exclude_none=True, exclude=_still_default(config))
 
 
-def _still_default(config: Table) -> set[str]:
-    """Return the tables that came later and say nothing."""
-    if not isinstance(config, Base):
-        return set()
-    fields = type(config).model_fields
-    return {name for name in config.later if getattr(config, name) == fields[name].get_default()}
+def _still_default(config: Table) -> dict[str, Any]:
+    """Return the keys that came later and say nothing, as pydantic leaves them out."""
+    found: dict[str, Any] = {}
+    later: frozenset[str] = getattr(config, "later", frozenset())
+    for name, field in type(config).model_fields.items():
+        value = getattr(config, name)
+        if name in later and value == field.get_default(call_default_factory=True, validated_data={}):
+            found[name] = True
+        elif isinstance(value, Table) and (inner := _still_default(value)):
+            found[name] = inner
+    return found
 
 
 def study_hash(config: Table) -> str:

@@ -8,9 +8,11 @@ from __future__ import annotations
 import stat
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.seal import hash_bytes
+from tuning.files.shipped import SHIPPED, located
 from tuning.study.base import Study
 from tuning.study.structures import structures
 
@@ -26,6 +28,24 @@ def hash_inputs(study: Study) -> dict[str, str]:
     found = [each for _, each in structures(study, "study")] if study.tune.choices else [study]
     paths = dict.fromkeys(path for each in found for path in each.inputs())
     return {path: _hash_file(Path(path)) for path in sorted(paths)}
+
+
+def absolute_inputs(tables: Any, files: Mapping[str, str]) -> Any:
+    """Return a study's tables, or the hashes of its files, for a process in another folder.
+
+    Args:
+        tables: where a text is the path of one of the files it is made absolute; those that ship stay.
+        files: hashes by path as the study names it.
+    """
+    if isinstance(tables, Mapping):
+        return {_absolute(key, files): absolute_inputs(value, files) for key, value in tables.items()}
+    if isinstance(tables, list):
+        return [absolute_inputs(value, files) for value in tables]
+    return _absolute(tables, files) if isinstance(tables, str) else tables
+
+
+def _absolute(text: str, files: Mapping[str, str]) -> str:
+    return str(Path(text).absolute()) if text in files and not text.startswith(SHIPPED) else text
 
 
 def check_inputs(held: Mapping[str, str], folder: object) -> None:
@@ -47,7 +67,12 @@ def check_inputs(held: Mapping[str, str], folder: object) -> None:
 
 
 def _hash_file(path: Path) -> str:
+    path = located(path)
     try:
+        if path.is_dir():
+            # The folder of a bag.
+            held = sorted(inner for inner in path.iterdir() if inner.is_file())
+            return hash_bytes(f"{inner.name}:{_hash_file(inner)}\n".encode() for inner in held)
         if not stat.S_ISREG(path.stat().st_mode):
             raise input_error(path, "is no regular file", "name a file of samples in the study")
         with path.open("rb") as file:

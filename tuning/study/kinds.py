@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tuning.files.errors import input_error
+from tuning.files.errors import Mistake, input_error
 from tuning.files.kinds import ARM_STUDY, CONFIG, LOG_STUDY, STUDY, FileKind
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ class Kind:
         picture: called with `(time,)` columns by name and a title, it returns the figure of one scenario.
         traces: what a report shows over time, called as `kinds.estimation.traces.show_estimates` is; `None` where
             there is nothing.
+        finding: called with a study and the best that a search has found, it returns a `problem.finding.Finding`:
+            what there is to say of it beyond scores; `None` where there is nothing.
         deployable: called with a configuration and its place in errors, it returns the `exports.deployable` that
             leaves the lab; `None` where nothing does.
         holds: whether tables are of this kind; by default those whose `kind` is its name.
@@ -51,6 +53,7 @@ class Kind:
     problem: Ref | None = None
     picture: Ref | None = None
     traces: Ref | None = None
+    finding: Ref | None = None
     deployable: Ref | None = None
     holds: Callable[[Tables], bool] | None = None
 
@@ -76,6 +79,9 @@ _ALL = (
         "log",
         LOG_STUDY,
         Ref("tuning.kinds.log.study:LogStudy"),
+        problem=Ref("tuning.kinds.log.problem:LogProblem"),
+        traces=Ref("tuning.kinds.log.traces:show_agreement"),
+        finding=Ref("tuning.kinds.log.agreement:find_agreement"),
         holds=lambda tables: "recording" in tables,
     ),
     _estimation("serial", "SerialStudy"),
@@ -121,6 +127,19 @@ def kind_of(study: Base) -> Kind:
     return next(kind for kind in all_kinds() if kind.is_of(vars(study)))
 
 
+def lacking(place: str, study: Base, what: str, fix: str = "") -> Mistake:
+    """Return the mistake of asking a study for what its kind does not have.
+
+    Args:
+        place: the study's file.
+        study: of that kind.
+        what: that it does not have, and why in brackets.
+        fix: the way out; by default the commands that take such a file.
+    """
+    kind = kind_of(study)
+    return Mistake(place, f"kind {kind.name!r} has no {what}", fix or kind.file.use.format(file=place))
+
+
 def kind_in(tables: Tables, place: str, file: FileKind) -> Kind:
     """Return which kind of study tables are.
 
@@ -138,6 +157,11 @@ def kind_in(tables: Tables, place: str, file: FileKind) -> Kind:
         got = f"got {tables['kind']!r}" if "kind" in tables else "is missing"
         raise input_error(f"{place}: kind", got, f"allowed: {', '.join(kind.name for kind in allowed)}")
     return found
+
+
+def study_files() -> list[FileKind]:
+    """Return the kinds of file that hold a study of something that is scored."""
+    return list(dict.fromkeys([STUDY, *(kind.file for kind in all_kinds() if kind.problem is not None)]))
 
 
 def exported_files() -> list[FileKind]:

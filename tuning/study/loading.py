@@ -15,7 +15,7 @@ from tuning.files.kinds import CONFIG, STUDY, FileKind, kind_of, require_kind
 from tuning.files.tables import put, with_settings
 from tuning.files.toml import read_toml
 from tuning.study.base import Base, Config, Search, Study, Sweep, Tune, resolved
-from tuning.study.kinds import kind_in
+from tuning.study.kinds import kind_in, study_files
 from tuning.study.structures import check_whole
 
 
@@ -72,7 +72,7 @@ def parse(data: Mapping[str, Any], place: str, *wanted: FileKind, unused: Collec
 
 
 def parse_study(data: Mapping[str, Any], place: str, *, unused: Collection[Search] = ()) -> Study:
-    """Return a study of something simulated from its tables.
+    """Return a study of what is scored from its tables.
 
     Args:
         data: the tables.
@@ -83,8 +83,8 @@ def parse_study(data: Mapping[str, Any], place: str, *, unused: Collection[Searc
     Raises:
         InputError: lists every mistake with its path.
     """
-    require_kind(data, place, STUDY)
-    study = _parse(data, place, STUDY, unused)
+    require_kind(data, place, *study_files())
+    study = _parse(data, place, kind_of(data) or STUDY, unused)
     assert isinstance(study, Study)
     return study
 

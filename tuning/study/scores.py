@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-Objective = Literal["msrep", "msrep_settled", "log_energy", "settling_time"]
+Objective = Literal["msrep", "msrep_settled", "log_energy", "settling_time", "agreement", "no_load"]
 """Scores that a search can minimise: those of `SCORES` with `is_objective`."""
 
 
@@ -14,13 +14,14 @@ class Score(NamedTuple):
     """One number that a scenario ends with.
 
     Args:
-        name: its column in results, and its field in `vsajax.Scores` or `vsajax.SwingScores`.
+        name: its column in results, and its field in `vsajax.Scores`, `vsajax.SwingScores` or a log's `LogScores`.
         label: its name in tables and pictures.
         unit: empty where it has none.
         better: whether a low or a high one is better.
         is_objective: whether a search can minimise it.
         is_shown: whether the summary of a population prints its quantiles.
         is_time: whether it says when a scenario has got where its objective wants it.
+        is_beside: whether a ranking by the objective shows it beside it.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Score(NamedTuple):
     is_objective: bool = False
     is_shown: bool = True
     is_time: bool = False
+    is_beside: bool = False
 
     @property
     def title(self) -> str:
@@ -65,7 +67,14 @@ SWINGS = (
     Score("travel", "way of the stiffness", "ranges/s", is_shown=False),
 )
 """Of a swing that dies out: the fields of `vsajax.SwingScores`."""
-SCORES: Mapping[str, Score] = MappingProxyType({score.name: score for score in (*ESTIMATES, *SWINGS)})
+LOGS = (
+    Score("agreement", "unexplained torque", "%", is_objective=True),
+    Score("no_load", "torque without load", "%", is_objective=True),
+    Score("rest", "objective on the rest of the log", "%", is_beside=True),
+)
+"""Of an estimator on a part of a robot's own log, which has no time at which it gets there."""
+_FAMILIES = (ESTIMATES, SWINGS, LOGS)
+SCORES: Mapping[str, Score] = MappingProxyType({score.name: score for family in _FAMILIES for score in family})
 
 
 def title_of(name: str) -> str:
@@ -78,7 +87,7 @@ def unit_of(name: str) -> str:
     return SCORES[name].suffix if name in SCORES else ""
 
 
-def time_of(objective: str) -> str:
-    """Return the score that says when a scenario with this objective has got there."""
-    family = SWINGS if SCORES[objective] in SWINGS else ESTIMATES
-    return next(score.name for score in family if score.is_time)
+def time_of(objective: str) -> str | None:
+    """Return the score that says when a scenario with this objective has got there; `None` where none does."""
+    family = next(family for family in _FAMILIES if SCORES[objective] in family)
+    return next((score.name for score in family if score.is_time), None)

@@ -24,7 +24,7 @@ Rows = Mapping[str, np.ndarray]
 def draw_population(folder: Path, study: Study, summary: Summary) -> list[Path]:
     """Draw the pictures of a finished run into its folder."""
     objective, paths = study.tune.objective, study.population.paths
-    columns = list(dict.fromkeys(["status", objective, time_of(objective), *paths]))
+    columns = list(dict.fromkeys(["status", *_spread(study), *paths]))
     table = pq.read_table(folder / "results.parquet", columns=columns)
     counted = table["status"].to_numpy() == Status.OK
     rows = {name: table[name].to_numpy()[counted] for name in columns}
@@ -36,15 +36,21 @@ def draw_population(folder: Path, study: Study, summary: Summary) -> list[Path]:
     return [save(figure, folder / "figures" / f"{name}.png") for name, figure in drawn.items()]
 
 
+def _spread(study: Study) -> list[str]:
+    """Return the scores whose distribution is drawn: the objective, and the convergence time where there is one."""
+    time = time_of(study.tune.objective)
+    return list(dict.fromkeys([study.tune.objective, *([] if time is None else [time])]))
+
+
 def draw_spread(rows: Rows, study: Study, summary: Summary, *, across: int = 2) -> Figure:
     """Draw how the objective and the convergence time are distributed, with the quantiles' intervals."""
-    objective = study.tune.objective
-    size = (9.0, 3.8, 1, 2) if across == 2 else (5.6, 5.6, 2, 1)
-    figure, axes = new_figure(*size, sharey=True)
-    for axis, metric, label in (
-        (axes[0], objective, title_of(objective)),
-        (axes[1], time_of(objective), title_of(time_of(objective))),
-    ):
+    metrics = _spread(study)
+    size = (
+        (4.5 * len(metrics), 3.8, 1, len(metrics)) if across == 2 else (5.6, 2.8 * len(metrics), len(metrics), 1)
+    )
+    figure, grid = new_figure(*size, sharey=True, squeeze=False)
+    axes = list(grid.flat)
+    for axis, metric in zip(axes, metrics, strict=True):
         values = np.sort(rows[metric][~np.isnan(rows[metric])])
         share = 100 * (np.arange(values.size) + 1) / max(values.size, 1)
         finite = np.isfinite(values)
@@ -56,7 +62,7 @@ def draw_spread(rows: Rows, study: Study, summary: Summary, *, across: int = 2) 
                 axis.plot([q.low, q.high], [100 * level] * 2, color=OTHER, linewidth=4, alpha=0.6)
         if finite.any() and values[finite].min() > 0:
             axis.set_xscale("log")
-        axis.set_xlabel(label)
+        axis.set_xlabel(title_of(metric))
     for axis in axes[:1] if across == 2 else axes:
         axis.set_ylabel("share of the robots below [%]")
     figure.suptitle(f"{summary.scenarios} robots: {plain(study.name)} (bars: 95 % intervals of quantiles)")
