@@ -121,13 +121,13 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
 
     Configurations, studies of logs and of arms, signal maps and presets are checked alike.
     """
-    from tuning.study.base import resolved, study_hash, to_toml
+    from tuning.study.base import Base, resolved, study_hash, to_toml
     from tuning.study.limits import require
 
     kind, config = _load(study, settings)
     require(*_needs_of(config, str(study)))
     what, tables, digest = kind.label, resolved(config), study_hash(config)
-    notes = _notes_on(config, study)
+    notes = config.notes() if isinstance(config, Base) else []
     emit(
         {"ok": True, "what": what, "hash": digest, "notes": notes, "study": tables},
         as_json=as_json,
@@ -140,26 +140,11 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
     )
 
 
-def _notes_on(config: Table, path: Path) -> list[str]:
-    """Return what is worth knowing of a valid file."""
-    from tuning.kinds.arm.study import ArmStudy, outside_of
-
-    if not isinstance(config, ArmStudy):
-        return []
-    from tuning.kinds.arm.kinematics import chain_of
-
-    return outside_of(config, chain_of(config.arm, str(path), path.parent))
-
-
 def _needs_of(config: Table, place: str) -> list[Need]:
     """Return what a file asks for by itself, whichever command it is given to."""
     from tuning.kinds import needs
-    from tuning.kinds.arm.needs import of_arm
-    from tuning.kinds.arm.study import ArmStudy
     from tuning.study.base import Config, Study
 
-    if isinstance(config, ArmStudy):
-        return of_arm(config, place)
     if isinstance(config, Study):
         return needs.of_study(config, place)
     return [needs.of_fit(config.estimator, place)] if isinstance(config, Config) else []
@@ -188,10 +173,6 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
         from tuning.study.loading import load_study
 
         return kinds.LOG_STUDY, load_study(path, settings)
-    if kind is kinds.ARM_STUDY:
-        from tuning.kinds.arm.study import load_arm_study
-
-        return kinds.ARM_STUDY, load_arm_study(path, settings)
     if kind is kinds.JOINT:
         from tuning.kinds.presets import parse_joint
 
@@ -202,6 +183,7 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
         return kinds.ARM, parse_arm(tables, str(path))
     from tuning.kinds.estimation.study import EstimationStudy
     from tuning.study.base import Study
+    from tuning.study.kinds import kind_of
     from tuning.study.loading import load_config
     from tuning.study.parts.rig import RecordedTorque
 
@@ -210,4 +192,4 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
         for _, torque in config.excitation:
             if isinstance(torque, RecordedTorque):
                 torque.arguments()
-    return kinds.STUDY if isinstance(config, Study) else kinds.CONFIG, config
+    return kind_of(config).file if isinstance(config, Study) else kinds.CONFIG, config

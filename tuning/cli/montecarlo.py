@@ -26,12 +26,17 @@ from tuning.terminal.options import (
 
 if TYPE_CHECKING:
     from tuning.scoring.summary import Interval, Summary
+    from tuning.scoring.told import Told
 
 
 @click.command(epilog="Example: vsajax montecarlo serial-population.toml -o runs/population --scenarios 20000")
 @STUDY
 @RUN
-@click.option("--scenarios", type=click.IntRange(min=2), default=4096, show_default=True, help="Robots.")
+@click.option(
+    "--scenarios",
+    type=click.IntRange(min=2),
+    help="Robots, by default 4096; of an arm, draws at each level, by default accuracy.draws.",
+)
 @click.option(
     "--precision",
     type=click.FloatRange(min=0.0, min_open=True),
@@ -62,7 +67,7 @@ if TYPE_CHECKING:
 def montecarlo(
     study: Path,
     folder: Path,
-    scenarios: int,
+    scenarios: int | None,
     precision: float | None,
     sensitivity: int,
     target: float,
@@ -83,21 +88,17 @@ def montecarlo(
     For an arm: what an error in its joints' stiffness costs at the hand.
     """
     from tuning.files.errors import InputError, input_error
-    from tuning.files.kinds import ARM_STUDY, kind_of
-    from tuning.files.toml import read_toml
-    from tuning.study.kinds import lacking
+    from tuning.study.kinds import kind_of, lacking
     from tuning.study.loading import load_study
 
-    if kind_of(read_toml(study)) is ARM_STUDY:
-        from tuning.kinds.arm.commands import run_arm_accuracy
-
-        spread = ("executor", "workers", "scheduler", "wait")
-        own = ("precision", "sensitivity", "target", "worst", "dry_run", "resume")
-        refuse_given("does not go with a study of an arm", *own, *spread)
-        return run_arm_accuracy(study, folder, scenarios, settings, seed, as_json, quiet)
     loaded = load_study(study, with_seed(settings, seed), unused=["sweep"])
     if because := loaded.no_scenarios():
         raise InputError(lacking(str(study), loaded, f"scenarios to draw ({because})"))
+    own = kind_of(loaded).told
+    if own is not None:
+        why = f"does not go with kind {loaded.kind!r}, whose robots are not summed up as one population"
+        refuse_given(why, "precision", "sensitivity", "target", "worst")
+    count = loaded.robots(scenarios)
     if sensitivity & (sensitivity - 1):
         below = 1 << (sensitivity.bit_length() - 1)
         raise input_error("--sensitivity", f"got {sensitivity}", f"allowed: powers of two, e.g. {below}")
@@ -108,16 +109,14 @@ def montecarlo(
     from tuning.study.limits import require
 
     machines = machines_of(executor, workers, scheduler)
-    asked = [of_population(loaded, scenarios, "--scenarios", machines=machines)]
+    asked = [of_population(loaded, count, "--scenarios", machines=machines)]
     asked += [of_design(loaded, sensitivity, "--sensitivity", machines=machines)] if sensitivity else []
     require(*of_base(loaded, str(study)), *asked, *needs_of_workers(executor, workers))
-    require_drawable(loaded, scenarios, "--scenarios")
+    require_drawable(loaded, count, "--scenarios")
     start_jax()
-    from tuning.report.pictures.populations import draw_population
-    from tuning.scoring.montecarlo import MonteCarlo, forecast, run_population
-    from tuning.scoring.summary import write_summary
+    from tuning.scoring.montecarlo import MonteCarlo, compute_population, forecast, run_population
 
-    run, design = MonteCarlo(loaded, scenarios), MonteCarlo(loaded, scenarios, sensitivity)
+    run, design = MonteCarlo(loaded, count), MonteCarlo(loaded, count, sensitivity)
     if dry_run:
         extra = f" and {design.size} of the design" if sensitivity else ""
         foreseen = forecast(run)
@@ -129,16 +128,24 @@ def montecarlo(
             foreseen,
             as_json=as_json,
             quiet=quiet,
-            text=f"{scenarios} robots{extra}, {len(run.chunks)} chunks\n"
+            text=f"{count} robots{extra}, {len(run.chunks)} chunks\n"
             f"memory {foreseen['memory'] / 2**30:.2f} GiB, compile {foreseen['compile_time']:.1f} s, "
             f"run {foreseen['run_time']:.1f} s (from one timed chunk; nothing written)",
             following=lambda: again(without="--dry-run"),
         )
         return
+    where = executor_for(executor, workers, scheduler, folder, wait)
+    if own is not None:
+        columns = compute_population(run, folder, where, resume=resume, quiet=quiet)
+        _tell(own.load()(loaded, columns), folder, as_json=as_json, quiet=quiet)
+        return
+    from tuning.report.pictures.populations import draw_population
+    from tuning.scoring.summary import write_summary
+
     summary = run_population(
         run,
         folder,
-        executor_for(executor, workers, scheduler, folder, wait),
+        where,
         rows=sensitivity,
         precision=precision,
         worst=worst,
@@ -155,6 +162,24 @@ def montecarlo(
         text=lambda: _text(summary, study, folder, loaded.tune.objective, pictures),
         following=words("report", folder),
     )
+
+
+def _tell(told: Told, folder: Path, *, as_json: bool, quiet: bool) -> None:
+    """Print what a kind says of its run in its own words; exit 1 where no scenario has a score."""
+    from tuning.pictures.style import save
+
+    results = folder / "results.parquet"
+    picture = save(told.picture().figure, folder / f"{told.picture_name}.png")
+    files = [folder / "manifest.json", results, picture]
+    emit(
+        {"run": folder, "results": results, "pictures": [picture], "files": files} | dict(told.as_tables()),
+        as_json=as_json,
+        quiet=quiet,
+        text=lambda: f"{told.as_text()}\nwrote {results} and {picture}",
+        following=words("report", folder),
+    )
+    if not told.is_ok:
+        raise click.exceptions.Exit(1)
 
 
 def _bracketed(unit: str) -> str:

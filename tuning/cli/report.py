@@ -28,19 +28,17 @@ def report(run: Path, other: Path | None, output: Path | None, opens: bool, as_j
 
     start_jax()
     from tuning.files.whole import write_text
-    from tuning.kinds.arm.run import is_arm_run, read_run
     from tuning.kinds.log.search_page import is_log_search, report_log_search
+    from tuning.report.gather import own_page
 
     best = run / "best.toml"
     folders = [folder for folder in (run, other) if folder is not None]
-    of_arms = [folder for folder in folders if is_arm_run(folder)]
-    if of_arms:
+    own = {folder: page for folder in folders if (page := own_page(folder)) is not None}
+    if own:
         if len(folders) == 2:
-            problem = "holds a run of an arm, of which there is no report in pairs"
-            raise input_error(of_arms[0], problem, "name it alone")
-        from tuning.kinds.arm.page import report_arm
-
-        page = report_arm(read_run(run))
+            problem = "holds a run of a command of its kind's own, of which there is no report in pairs"
+            raise input_error(next(iter(own)), problem, "name it alone")
+        page = own[run].load()(run)
     elif other is None and is_log_search(run):
         page = report_log_search(run)
     else:

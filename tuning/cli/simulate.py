@@ -49,9 +49,8 @@ def simulate(
     own = with_seed(settings, seed)
     loaded = load_study(study, own, unused=("sweep", "tune"))
     draw = kind_of(loaded).picture
-    if draw is None:
-        raise InputError(lacking(str(study), loaded, "simulation"))
-    assert isinstance(loaded, Timed)
+    if draw is None or not isinstance(loaded, Timed):
+        raise InputError(lacking(str(study), loaded, "signals over time"))
     table_suffix(output)
     from tuning.kinds.needs import of_recording, require_drawable
     from tuning.runs.machine import start_jax

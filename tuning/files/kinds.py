@@ -65,7 +65,7 @@ LOG_STUDY = FileKind(
 ARM_STUDY = FileKind(
     "study",
     "a study of an arm",
-    "it goes with vsajax stiffness, workspace, poses, montecarlo or export, e.g. vsajax stiffness {file}",
+    "it goes with vsajax stiffness, workspace, poses, montecarlo, sweep, tune, compare -s, contest or export",
     lambda tables: tables.get("kind") == "arm" and "estimator" not in tables,
 )
 STUDY = FileKind(

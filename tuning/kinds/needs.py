@@ -14,7 +14,8 @@ from tuning.kinds.damping.study import DampingStudy
 from tuning.kinds.estimation.study import EstimationStudy
 from tuning.runs.machine import usable_cores
 from tuning.study.base import Config, Study, Timed
-from tuning.study.limits import Need, in_count, product
+from tuning.study.kinds import kind_of
+from tuning.study.limits import Need, Needs, in_count, product
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
 from tuning.study.parts.rig import BandLimitedNoise
 from tuning.study.ranges import Reach
@@ -99,6 +100,12 @@ def of_recording(study: Timed, place: str) -> Need:
     )
 
 
+def needs_of(study: Study) -> Needs | None:
+    """Return what plans of a kind take that runs over no samples; `None` of the others."""
+    own = kind_of(study).needs
+    return None if own is None else own.load()
+
+
 def of_base(study: Study, place: str) -> list[Need]:
     """Return what every command that scores a study needs: one recording, and a compiled estimator."""
     found = [of_recording(study, place)] if isinstance(study, Timed) else []
@@ -126,13 +133,21 @@ def of_scores(
         together: scores that one program returns.
         machines: like this one, that share the work.
     """
+    table = _ROW_BYTES * product(rows, _ROW_COLUMNS + columns) + 8.0 * product(together, _ROW_COLUMNS)
+    lanes = min(count, _LANES * usable_cores())
+    own = needs_of(study)
+    if own is not None:
+        memory, seconds = own.scenario
+        return replace(
+            asked,
+            memory=asked.memory + lanes * memory + table,
+            seconds=asked.seconds + product(count) * seconds / (usable_cores() * machines),
+        )
     samples, size = samples_of(study), 0
     if isinstance(study, Config):
         size = features_of(study.estimator)
-    lanes = min(count, _LANES * usable_cores())
     has_motion = _has_many_motions(study)
     lane = (_LANE_BYTES + has_motion * _MOTION_BYTES) * samples + _SQUARE_BYTES * product(size, size)
-    table = _ROW_BYTES * product(rows, _ROW_COLUMNS + columns) + 8.0 * product(together, _ROW_COLUMNS)
     step = _STEP_SECONDS + _SQUARE_SECONDS * product(size, size)
     if has_motion:
         step += _STEP_SECONDS * _integration_steps(study)
@@ -229,7 +244,8 @@ def of_held_out(study: Study, configurations: float, place: str) -> Need:
 
 def of_study(study: Study, place: str) -> list[Need]:
     """Return what a study asks for by itself: its recording, its grid, its search by default, its judgement."""
-    found = of_base(study, place)
+    own = needs_of(study)
+    found = of_base(study, place) if own is None else own.file(study, place)
     if study.sweep.grid:
         found += [*of_structures(study, place), of_sweep(study, f"{place}: sweep.grid")]
     if study.tune.parameters:
@@ -296,9 +312,9 @@ def _integration_steps(study: Study) -> float:
 
 def _has_many_motions(study: Study) -> bool:
     """Return whether every recording has a motion of its own."""
-    paths = [*study.population.paths, *study.sweep.grid]
     if not isinstance(study, Timed):
         return False
+    paths = [*study.population.paths, *study.sweep.grid]
     own = any(Reach.MOTION in study.reach(path) for path in paths)
     return own or isinstance(study, DampingStudy) or study.clock.jitter_std is not None
 

@@ -25,8 +25,8 @@ class Scenario(NamedTuple):
     """What tells one scenario from another, or `(scenario,)` of them.
 
     Args:
-        key: of the clock's jitter and the sensors' noise.
-        numbers: the population's numbers by path.
+        key: of all that has no number: the clock's jitter and the sensors' noise, or a pose.
+        numbers: the population's numbers by path, and what else its kind tells scenarios apart by.
     """
 
     key: Key[Array, "..."]
@@ -40,6 +40,7 @@ class Status(enum.IntEnum):
     MOTION_DIVERGED = 1
     STEP_TOO_COARSE = 2
     ESTIMATE_DIVERGED = 3
+    NO_DESIGN = 4
 
     @property
     def reason(self) -> str:
@@ -52,6 +53,7 @@ _REASONS = {
     Status.MOTION_DIVERGED: "the simulated motion is not finite",
     Status.STEP_TOO_COARSE: "the joint is too stiff for the study's integration steps: set `substeps`",
     Status.ESTIMATE_DIVERGED: "an estimate is not finite",
+    Status.NO_DESIGN: "no design can be used",
 }
 
 
@@ -78,19 +80,12 @@ class Problem(Protocol):
         """The study."""
         ...
 
-    if_not_finite: ClassVar[tuple[str, str]]
-    """The table to look at where a simulation is not finite, and what to do."""
     lanes: ClassVar[int]
     """Outcomes computed at a time on a device; more fall out of the cache, or of memory."""
 
     @property
     def samples(self) -> int:
-        """Number of samples of a run."""
-        ...
-
-    @property
-    def substeps(self) -> int:
-        """Integration steps a sample."""
+        """How much work a scenario is: as many samples of a joint's simulation. Chunks of a run are cut by it."""
         ...
 
     @property
@@ -104,6 +99,18 @@ class Problem(Protocol):
 
     def outcome(self, values: Values, scenario: Scenario, given: Any) -> Outcome:
         """Return the scores at `values` in a scenario, and whether they count."""
+        ...
+
+
+class Recorded(Problem, Protocol):
+    """A problem whose scenarios have signals over time."""
+
+    if_not_finite: ClassVar[tuple[str, str]]
+    """The table to look at where a simulation is not finite, and what to do."""
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps a sample."""
         ...
 
     def columns(self, scenario: Scenario, given: Any) -> dict[str, Array]:

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from tuning.files.errors import input_error
-from tuning.problem.interface import Scenario, Stream, problem_of
+from tuning.problem.interface import Recorded, Scenario, Stream, problem_of
 from tuning.study.base import Study
 from tuning.study.loading import with_numbers
 
@@ -35,7 +35,7 @@ def simulate(study: Study, scenario: int) -> tuple[dict[str, np.ndarray], int]:
     Raises:
         InputError: the motion is not finite.
     """
-    problem = problem_of(study)
+    problem: Recorded = problem_of(study)  # pyright: ignore[reportAssignmentType] - a kind with a picture has signals
     signals = problem.columns(replayed(study, scenario), problem.given)
     columns = {name: np.asarray(values) for name, values in signals.items()}
     require_finite(columns, *problem.if_not_finite)

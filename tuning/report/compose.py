@@ -17,6 +17,7 @@ from tuning.report.pictures import scores as pictures
 from tuning.report.population import describe_population
 from tuning.report.searches import describe_sweep, describe_tuning
 from tuning.study.base import to_toml
+from tuning.study.kinds import kind_of
 from tuning.study.scores import title_of
 
 _DESCRIBE = {
@@ -57,7 +58,7 @@ def report_pair(first: FinishedRun, second: FinishedRun) -> Page:
     else:
         headline = f"{said}. They did not run the same scenarios, so nothing is paired."
     found = []
-    if first.command == "montecarlo":
+    if first.command == "montecarlo" and kind_of(first.study).told is None:
         summaries = {a.name: first.summary, b.name: second.summary}
         definitions = _definitions(first.study.population.failures, second.study.population.failures)
         found += [

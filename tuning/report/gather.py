@@ -22,6 +22,7 @@ from tuning.scoring.summary import Columns, Influence, Interval, Summary, summar
 from tuning.scoring.sweep import GridSweep, Value, rank
 from tuning.study.base import Study, resolved, study_hash
 from tuning.study.inputs import check_inputs
+from tuning.study.kinds import Ref, all_kinds
 from tuning.study.loading import load_config, parse_study, with_numbers
 from tuning.study.paths import numeric_paths
 from tuning.study.scores import SCORES
@@ -146,6 +147,16 @@ class FinishedRun:
         return min(self.contestants, key=value)
 
 
+def own_page(folder: Path) -> Ref | None:
+    """Return what reports on a run of a kind's own command; `None` of a run that any kind can have."""
+    try:
+        tables = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    name = tables.get("kind") if isinstance(tables, dict) else None
+    return next((kind.page for kind in all_kinds() if kind.name == name), None)
+
+
 def open_finished(folder: Path) -> FinishedRun:
     """Return a finished run.
 
@@ -171,7 +182,7 @@ def open_finished(folder: Path) -> FinishedRun:
         raise input_error(folder, "holds the design of a run, not the run", f"name {folder.resolve().parent}")
     run = FinishedRun(folder, manifest, parse_study(study, f"{path}: study"))
     missing = _missing(run)
-    check_inputs(manifest.get("files", {}), folder)
+    check_inputs(manifest.get("files", {}), run.study, folder)
     if missing:
         fix = f"go on with vsajax {command} and the same options, with --resume"
         raise input_error(folder, f"holds an unfinished run: {missing}", fix)

@@ -17,11 +17,17 @@ from tuning.report.pictures import scores as pictures
 from tuning.report.pictures.populations import draw_influences, draw_spread
 from tuning.report.pictures.scores import short_paths, short_rows
 from tuning.scoring.summary import has_failed
+from tuning.scoring.told import Told
+from tuning.study.kinds import kind_of
 from tuning.study.scores import title_of, unit_of
 
 
 def describe_population(run: FinishedRun) -> Parts:
-    """Return what there is to say of a population."""
+    """Return what there is to say of a population, in the words of its kind where that has its own."""
+    own = kind_of(run.study).told
+    if own is not None:
+        told: Told = own.load()(run.study, run.columns)
+        return Parts(told.headline, iter([told.picture()]), [told.table()], run.study.notes())
     summary, definitions = run.summary, run.study.population.failures
     first, *rest = summary.sentences
     failing = [one for one in rest if any(one.startswith(f"{name} (") for name in summary.failures)]

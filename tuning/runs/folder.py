@@ -224,7 +224,7 @@ def open_run(
     lock = lock_folder(folder)
     try:
         if os.path.lexists(path):
-            return RunStore(folder, _resumed(path, identity, chunks, resume=resume), lock)
+            return RunStore(folder, _resumed(path, identity, study, chunks, resume=resume), lock)
         manifest = identity | {
             "seed": study.seed,
             "study": resolved(study),
@@ -256,7 +256,9 @@ def _is_stray(name: str) -> bool:
     return any(fnmatch(name, pattern) for pattern in _STRAYS)
 
 
-def _resumed(path: Path, identity: Mapping[str, Any], chunks: list[str], *, resume: bool) -> dict[str, Any]:
+def _resumed(
+    path: Path, identity: Mapping[str, Any], study: Study, chunks: list[str], *, resume: bool
+) -> dict[str, Any]:
     """Return the manifest of a run that goes on, if it is the one that is asked for."""
     folder, held = path.parent, read_manifest(path)
     differing = [key for key in identity if held[key] != identity[key]]
@@ -270,7 +272,7 @@ def _resumed(path: Path, identity: Mapping[str, Any], chunks: list[str], *, resu
         raise input_error(f"{path}: chunks", problem, "name a new folder with -o")
     if SEALED not in held:
         print(f"note: {folder} was begun before runs were sealed: what it holds is not verified", file=sys.stderr)
-    check_inputs(held.get("files", {}), folder)
+    check_inputs(held.get("files", {}), study, folder)
     return held
 
 

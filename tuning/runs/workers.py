@@ -39,12 +39,14 @@ def spec_of(manifest: Mapping[str, Any]) -> str:
     flags would round differently in the last digit.
     """
     from tuning.runs.folder import run_id
+    from tuning.study.base import FOLDER
     from tuning.study.inputs import absolute_inputs
 
     files = manifest.get("files", {})
     spec = {key: manifest[key] for key in ("command", "plan")}
     # A worker may run in another folder.
-    spec |= {"study": absolute_inputs(manifest["study"], files), "files": absolute_inputs(files, files)}
+    folder = Path(manifest["study"].get("provenance", {}).get(FOLDER, ""))
+    spec |= {name: absolute_inputs(held, files, folder) for name, held in (("study", manifest["study"]), ("files", files))}
     own = {"run": run_id(manifest)}
     return json.dumps(spec | own | {"xla_flags": os.environ.get("XLA_FLAGS", "")})
 
@@ -60,10 +62,11 @@ def planner_of(spec: str) -> Planner:
     from tuning.study.loading import parse_study
 
     given = json.loads(spec)
-    check_inputs(given["files"], "the run folder")
+    study = parse_study(given["study"], "manifest.json: study")
+    check_inputs(given["files"], study, "the run folder")
     module, _, name = _PLANNERS[given["command"]].partition(":")
     planner = getattr(importlib.import_module(module), name)
-    return planner.from_plan(parse_study(given["study"], "manifest.json: study"), given["plan"])
+    return planner.from_plan(study, given["plan"])
 
 
 def run_chunk(spec: str, chunk: str) -> Columns:

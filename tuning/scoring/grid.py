@@ -112,8 +112,8 @@ class Grid:
     def _cut(self) -> tuple[int, int]:
         """Into how many lanes a point's longest inner axis, and its scenarios, are cut.
 
-        A lane wider than the problem's `lanes` falls out of the cache. The axis is cut first: scenarios are what the
-        compiled loops run over. Scenarios are cut as well where there are fewer lanes than cores.
+        A lane wider than the problem's `lanes` falls out of the cache. The axis is cut first: scenarios are what
+        the compiled loops run over. Scenarios are cut as well where there are fewer lanes than cores.
         """
         axis = len(self.axes[self.inner[self._longest]]) if self.inner else 1
         most = self.problem.lanes

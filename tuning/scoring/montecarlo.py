@@ -164,15 +164,8 @@ def run_population(
         resume: go on with what the folder holds.
         quiet: draw no progress.
     """
-    store = population.open(folder, resume=resume)
+    columns = compute_population(population, folder, executor, precision=precision, resume=resume, quiet=quiet)
     objective = population.study.tune.objective
-    count = len(store.chunks) if precision is None else min(_FIRST_LOOK, len(store.chunks))
-    while True:
-        part = replace(store, manifest={**store.manifest, "chunks": store.chunks[:count]})
-        columns = columns_of(read_table(complete(part, executor, f"montecarlo {population.size}", quiet=quiet)))
-        if count == len(store.chunks) or _is_precise(columns, objective, precision or math.inf):
-            break
-        count = min(2 * count, len(store.chunks))
     design = None
     if rows:
         planned = MonteCarlo(population.study, population.scenarios, rows)
@@ -182,6 +175,27 @@ def run_population(
     study, factors = population.study, population.factors
     options = {"seed": study.seed, "numbers": numeric_paths(study), "target": target}
     return summarise(columns, design, study.population, factors, objective, worst, **options)
+
+
+def compute_population(
+    population: MonteCarlo,
+    folder: Path,
+    executor: Executor,
+    *,
+    precision: float | None = None,
+    resume: bool = False,
+    quiet: bool = False,
+) -> Columns:
+    """Run a population and return its columns; arguments as those of `run_population`."""
+    store = population.open(folder, resume=resume)
+    objective = population.study.tune.objective
+    count = len(store.chunks) if precision is None else min(_FIRST_LOOK, len(store.chunks))
+    while True:
+        part = replace(store, manifest={**store.manifest, "chunks": store.chunks[:count]})
+        columns = columns_of(read_table(complete(part, executor, f"montecarlo {population.size}", quiet=quiet)))
+        if count == len(store.chunks) or _is_precise(columns, objective, precision or math.inf):
+            return columns
+        count = min(2 * count, len(store.chunks))
 
 
 def _is_precise(columns: Columns, objective: str, precision: float) -> bool:

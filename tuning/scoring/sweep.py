@@ -19,7 +19,7 @@ from tuning.problem.interface import problem_of
 from tuning.runs.executors import Executor, Inline, complete
 from tuning.runs.folder import RunStore, open_run, read_table, versions
 from tuning.scoring.grid import Grid
-from tuning.study.base import Study, resolved, study_hash, to_toml
+from tuning.study.base import Study, descended, study_hash, to_toml
 from tuning.study.choices import Setting, options_of
 from tuning.study.loading import with_numbers
 from tuning.study.paths import numeric_paths, structural_paths
@@ -270,8 +270,8 @@ def write_winner(sweep: GridSweep, best: Mapping[str, Any], path: Path) -> Path 
         "scenarios": sweep.scenarios,
         "train": {name: best[name] for name in ("mean", "median", "q90")},
     }
-    tables = resolved(sweep.study_of(int(best["configuration"]), "best of the sweep"))
-    write_text(path, to_toml(tables | {"provenance": provenance}))
+    winner = sweep.study_of(int(best["configuration"]), "best of the sweep")
+    write_text(path, to_toml(descended(winner, provenance)))
     return path
 
 

@@ -47,17 +47,17 @@ class Trial:
         chosen: option by choice.
         values: the tuned numbers by path; only those that exist in the chosen structure.
         objective: statistic of the training objective [%]; NaN where it failed.
+        convergence_time: median over the training scenarios, at most the recording's duration; `None` where
+            nothing moves [s].
         seconds: since the search began, without interruptions.
-        convergence_time: median over the training scenarios, at most the recording's duration; `None` where nothing
-            moves [s].
     """
 
     number: int
     chosen: Chosen
     values: dict[str, float]
     objective: float
+    convergence_time: float | None
     seconds: float
-    convergence_time: float | None = None
 
     @property
     def scores(self) -> dict[str, float]:
@@ -278,7 +278,7 @@ def read_trials(journal: Journal) -> list[Trial]:
         scored = {k: math.nan if x is None else x for k, x in trial.user_attrs["scored"].items()}
         chosen = {p.removeprefix(prefix): option for p, option in trial.params.items() if p.startswith(prefix)}
         values = {path: value for path, value in trial.params.items() if not path.startswith(prefix)}
-        found.append(Trial(trial.number, chosen, values, **scored))
+        found.append(Trial(trial.number, chosen, values, **{"convergence_time": None, **scored}))
     return found
 
 

@@ -25,7 +25,7 @@ from tuning.scoring.intervals import Judgement, judge
 from tuning.search.descent import Algorithm
 from tuning.search.least_squares import GradientTuner, Outcome
 from tuning.search.space import Space
-from tuning.study.base import Study, resolved, study_hash, to_toml
+from tuning.study.base import Study, descended, study_hash, to_toml
 from tuning.study.loading import with_numbers
 from tuning.study.paths import numeric_paths
 from tuning.terminal.progress import progress
@@ -265,9 +265,9 @@ def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any
         "before_on_held_out": _stated(tuned.before),
     }
     provenance = joined(provenance, tuned.finding.provenance)
-    tables = resolved(with_numbers(best, tuned.values, "tuned study").deployed())
     # TOML has no number for an infinite convergence time that every reader takes; JSON's way out is a string.
-    write_text(path, to_toml(tables | {"provenance": json.loads(json.dumps(provenance), parse_constant=str)}))
+    told = json.loads(json.dumps(provenance), parse_constant=str)
+    write_text(path, to_toml(descended(with_numbers(best, tuned.values, "tuned study"), told)))
 
 
 def _stated(judgement: Judgement) -> dict[str, Any]:

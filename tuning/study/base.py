@@ -26,6 +26,8 @@ from tuning.study.statistic import Statistic
 
 ROBOTS = 4096
 """Scenarios of a Monte Carlo run for which no number is given."""
+FOLDER = "folder"
+"""Key of `provenance`: where relative paths of files that a study names start."""
 Search = Literal["sweep", "tune"]
 """A table that says what is varied and over which range."""
 
@@ -73,6 +75,10 @@ class Base(Table):
     def folder(self) -> Path:
         """Where relative paths of files that it names start."""
         return Path()
+
+    def notes(self) -> list[str]:
+        """Return what is worth knowing of it though it is right, in sentences."""
+        return []
 
     def inputs(self) -> Iterator[str]:
         """Return the paths of the files that it names, and whose contents determine results."""
@@ -133,8 +139,8 @@ class Tune(Table):
 class Study(Base):
     """Everything that the lab does with what it can score.
 
-    `contested` are the tables of what is tuned and compared; `objectives` the scores that may be minimised, of which
-    the first is by default.
+    `contested` are the tables of what is tuned and compared; `objectives` the scores that may be minimised, the
+    first of them where nothing else is said.
     """
 
     contested: ClassVar[tuple[str, ...]] = ("estimator",)
@@ -205,6 +211,12 @@ def _still_default(config: Table) -> dict[str, Any]:
         elif isinstance(value, Table) and (inner := _still_default(value)):
             found[name] = inner
     return found
+
+
+def descended(study: Base, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tables of a study that a command made, with what it follows from; where its files lie stays."""
+    kept = {key: value for key, value in study.provenance.items() if key == FOLDER}
+    return resolved(study) | {"provenance": kept | dict(provenance)}
 
 
 def study_hash(config: Table) -> str:

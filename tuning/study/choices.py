@@ -17,11 +17,8 @@ Chosen = dict[str, str]
 Setting = str | bool | int
 """What shapes a program: each value of it is compiled on its own."""
 _MOST_STRUCTURES = 64
-
-_ROOTS = (
-    *("joint", "excitation", "sensing", "clock", "estimator"),
-    *("plant", "impact", "sensor", "observer", "controller"),
-)
+_SCORED_BY = "scorer"
+"""The table by which options are compared: it is no option itself."""
 
 
 def combinations(choices: Choices) -> list[Chosen]:
@@ -72,9 +69,10 @@ def require_few(axes: Mapping[str, Sequence[Setting]], place: str) -> None:
         raise input_error(f"{place} ({', '.join(axes)})", problem, "sweep some of them at a time")
 
 
-def check_choices(choices: Choices, place: str) -> list[Mistake]:
-    """Return what is wrong with choices before any study is made of them."""
+def check_choices(choices: Choices, varied: Sequence[str], place: str) -> list[Mistake]:
+    """Return what is wrong with choices before any study is made of them; `varied` are the tables that can be."""
     mistakes, setters = [], {}
+    roots = [name for name in varied if name != _SCORED_BY]
     for name, options in choices.items():
         if not options:
             fix = 'add some, e.g. lean = { "estimator.basis.deflection_terms" = 2 }'
@@ -82,9 +80,9 @@ def check_choices(choices: Choices, place: str) -> list[Mistake]:
         for option, settings in options.items():
             for path in settings:
                 where = f"{place}: tune.choices.{name}.{option}.{path!r}"
-                if path.split(".")[0] not in _ROOTS:
+                if path.split(".")[0] not in roots:
                     problem = "is not a path that can be chosen"
-                    mistakes.append(Mistake(where, problem, f"paths begin with {', '.join(_ROOTS)}"))
+                    mistakes.append(Mistake(where, problem, f"paths begin with {', '.join(roots)}"))
                 other = setters.setdefault(path, name)
                 if other != name:
                     fix = "set it in one of them: their options are combined"

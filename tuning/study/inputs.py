@@ -27,29 +27,35 @@ def hash_inputs(study: Study) -> dict[str, str]:
     """
     found = [each for _, each in structures(study, "study")] if study.tune.choices else [study]
     paths = dict.fromkeys(path for each in found for path in each.inputs())
-    return {path: _hash_file(Path(path)) for path in sorted(paths)}
+    return {path: _hash_file(study.folder / path) for path in sorted(paths)}
 
 
-def absolute_inputs(tables: Any, files: Mapping[str, str]) -> Any:
+def absolute_inputs(tables: Any, files: Mapping[str, str], folder: Path) -> Any:
     """Return a study's tables, or the hashes of its files, for a process in another folder.
 
     Args:
         tables: where a text is the path of one of the files it is made absolute; those that ship stay.
         files: hashes by path as the study names it.
+        folder: where relative paths start, see `Base.folder`.
     """
+
+    def absolute(text: str) -> str:
+        return str((folder / text).absolute()) if text in files and not text.startswith(SHIPPED) else text
+
     if isinstance(tables, Mapping):
-        return {_absolute(key, files): absolute_inputs(value, files) for key, value in tables.items()}
+        return {absolute(key): absolute_inputs(value, files, folder) for key, value in tables.items()}
     if isinstance(tables, list):
-        return [absolute_inputs(value, files) for value in tables]
-    return _absolute(tables, files) if isinstance(tables, str) else tables
+        return [absolute_inputs(value, files, folder) for value in tables]
+    return absolute(tables) if isinstance(tables, str) else tables
 
 
-def _absolute(text: str, files: Mapping[str, str]) -> str:
-    return str(Path(text).absolute()) if text in files and not text.startswith(SHIPPED) else text
-
-
-def check_inputs(held: Mapping[str, str], folder: object) -> None:
+def check_inputs(held: Mapping[str, str], study: Study, folder: object) -> None:
     """Check that files still hold what they held when a run was begun.
+
+    Args:
+        held: their hashes then, by their paths as the study names them.
+        study: that names them.
+        folder: of the run, for errors.
 
     Raises:
         InputError: names every file that has changed or cannot be read.
@@ -57,7 +63,7 @@ def check_inputs(held: Mapping[str, str], folder: object) -> None:
     mistakes: list[Mistake] = []
     for path, digest in held.items():
         try:
-            if _hash_file(Path(path)) != digest:
+            if _hash_file(study.folder / path) != digest:
                 problem = f"has changed since the run in {folder} was begun"
                 mistakes.append(Mistake(path, problem, "put the old file back, or name a new folder with -o"))
         except InputError as error:

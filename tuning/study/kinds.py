@@ -42,6 +42,10 @@ class Kind:
             there is nothing.
         finding: called with a study and the best that a search has found, it returns a `problem.finding.Finding`:
             what there is to say of it beyond scores; `None` where there is nothing.
+        told: called with a study and the columns of its Monte Carlo run, it returns the `scoring.told.Told` that
+            is said of it; `None` where quantiles over all robots are.
+        page: called with the run folder of a command of its own, it returns the report; `None` where it has none.
+        needs: its `study.limits.Needs`; `None` where what a scenario takes follows from its samples.
         deployable: called with a configuration and its place in errors, it returns the `exports.deployable` that
             leaves the lab; `None` where nothing does.
         holds: whether tables are of this kind; by default those whose `kind` is its name.
@@ -54,6 +58,9 @@ class Kind:
     picture: Ref | None = None
     traces: Ref | None = None
     finding: Ref | None = None
+    told: Ref | None = None
+    page: Ref | None = None
+    needs: Ref | None = None
     deployable: Ref | None = None
     holds: Callable[[Tables], bool] | None = None
 
@@ -100,6 +107,10 @@ _ALL = (
         "arm",
         ARM_STUDY,
         Ref("tuning.kinds.arm.study:ArmStudy"),
+        problem=Ref("tuning.kinds.arm.problem:ArmProblem"),
+        told=Ref("tuning.kinds.arm.accuracy:Accuracy"),
+        page=Ref("tuning.kinds.arm.page:report_folder"),
+        needs=Ref("tuning.kinds.arm.needs:NEEDS"),
         deployable=Ref("tuning.kinds.arm.deployable:deployable_of"),
     ),
 )

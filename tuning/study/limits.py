@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tuning.files.errors import input_error
 
@@ -52,6 +53,20 @@ class Need:
     memory: float = 0.0
     seconds: float = 0.0
     compiling: float = 0.0
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What the plans of a kind of study take that runs over no samples.
+
+    Args:
+        file: (study, place) -> what its own tables ask for, whichever command it is given to.
+        scenario: what one scenario takes: of memory while it is scored beside others [bytes], and of time on one
+            core [s].
+    """
+
+    file: Callable[[Any, str], list[Need]]
+    scenario: tuple[float, float]
 
 
 def limits() -> Limits:

@@ -39,7 +39,7 @@ def load_config(path: Path, settings: Sequence[str] = (), *, unused: Collection[
     Raises:
         InputError: lists every mistake with its path.
     """
-    config = parse(with_settings(read_toml(path), settings), str(path), CONFIG, STUDY, unused=unused)
+    config = parse(with_settings(read_toml(path), settings), str(path), CONFIG, *study_files(), unused=unused)
     assert isinstance(config, Study | Config)
     return config
 
@@ -72,7 +72,7 @@ def parse(data: Mapping[str, Any], place: str, *wanted: FileKind, unused: Collec
 
 
 def parse_study(data: Mapping[str, Any], place: str, *, unused: Collection[Search] = ()) -> Study:
-    """Return a study of what is scored from its tables.
+    """Return a study of something that is scored from its tables.
 
     Args:
         data: the tables.
@@ -83,8 +83,7 @@ def parse_study(data: Mapping[str, Any], place: str, *, unused: Collection[Searc
     Raises:
         InputError: lists every mistake with its path.
     """
-    require_kind(data, place, *study_files())
-    study = _parse(data, place, kind_of(data) or STUDY, unused)
+    study = parse(data, place, *study_files(), unused=unused)
     assert isinstance(study, Study)
     return study
 

@@ -6,7 +6,17 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-Objective = Literal["msrep", "msrep_settled", "log_energy", "settling_time", "agreement", "no_load"]
+Objective = Literal[
+    "msrep",
+    "msrep_settled",
+    "log_energy",
+    "settling_time",
+    "stiffness_error",
+    "compliance_error",
+    "stiffness_change",
+    "agreement",
+    "no_load",
+]
 """Scores that a search can minimise: those of `SCORES` with `is_objective`."""
 
 
@@ -14,7 +24,7 @@ class Score(NamedTuple):
     """One number that a scenario ends with.
 
     Args:
-        name: its column in results, and its field in `vsajax.Scores`, `vsajax.SwingScores` or a log's `LogScores`.
+        name: its column in results, and its field in what a problem's outcome holds.
         label: its name in tables and pictures.
         unit: empty where it has none.
         better: whether a low or a high one is better.
@@ -67,13 +77,19 @@ SWINGS = (
     Score("travel", "way of the stiffness", "ranges/s", is_shown=False),
 )
 """Of a swing that dies out: the fields of `vsajax.SwingScores`."""
+HANDS = (
+    Score("stiffness_error", "relative error of the hand's stiffness", is_objective=True),
+    Score("compliance_error", "relative error of the hand's compliance", is_objective=True),
+    Score("stiffness_change", "relative change of the hand's stiffness from its design", is_objective=True),
+)
+"""Of the stiffness that an arm has at its hand."""
 LOGS = (
     Score("agreement", "unexplained torque", "%", is_objective=True),
     Score("no_load", "torque without load", "%", is_objective=True),
     Score("rest", "objective on the rest of the log", "%", is_beside=True),
 )
-"""Of an estimator on a part of a robot's own log, which has no time at which it gets there."""
-_FAMILIES = (ESTIMATES, SWINGS, LOGS)
+"""Of an estimator on a part of a robot's own log: how far its torque is from what it should be."""
+_FAMILIES = (ESTIMATES, SWINGS, HANDS, LOGS)
 SCORES: Mapping[str, Score] = MappingProxyType({score.name: score for family in _FAMILIES for score in family})
 
 
@@ -88,6 +104,6 @@ def unit_of(name: str) -> str:
 
 
 def time_of(objective: str) -> str | None:
-    """Return the score that says when a scenario with this objective has got there; `None` where none does."""
+    """Return the score that says when a scenario with this objective has got there; `None` where nothing moves."""
     family = next(family for family in _FAMILIES if SCORES[objective] in family)
     return next((score.name for score in family if score.is_time), None)

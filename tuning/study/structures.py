@@ -209,7 +209,7 @@ def _check_only(study: Study, place: str) -> list[Mistake]:
 
 def _check_structures(study: Study, place: str) -> list[Mistake]:
     """Check every combination of the choices, and that each parameter exists in one of them."""
-    mistakes = check_choices(study.tune.choices, place)
+    mistakes = check_choices(study.tune.choices, study.varied, place)
     if mistakes:
         return mistakes
     try:

@@ -16,7 +16,7 @@ from tuning.exports.deployable import deployable_of
 from tuning.exports.golden import assembled
 from tuning.exports.ranges import Range
 from tuning.files.shipped import CONFIGS
-from tuning.kinds.arm.problem import build_problem
+from tuning.kinds.arm.bench import build_bench
 from tuning.kinds.arm.study import load_arm_study
 from vsajax.control import ArmReading, CartesianImpedance, Status
 from vsajax.control.online import displacement
@@ -41,7 +41,7 @@ def words(settings):
 
 def test_a_cycle_is_the_design_of_the_lab_and_the_controller_of_the_loop():
     study = load_arm_study(ARM)
-    problem = build_problem(study, ARM)
+    problem = build_bench(study, ARM)
     controller = deployable_of(study, str(ARM)).module
     rng = np.random.default_rng(2)
     position, velocity, posture = (jnp.asarray(rng.normal(size=4) * scale) for scale in (0.5, 0.3, 0.5))
@@ -65,7 +65,7 @@ def test_a_cycle_is_the_design_of_the_lab_and_the_controller_of_the_loop():
 
 
 def test_a_small_rotation_is_its_vector():
-    problem = build_problem(load_arm_study(ARM), ARM)
+    problem = build_bench(load_arm_study(ARM), ARM)
     position, turn = jnp.array([0.4, -0.3, 0.2, 0.9]), 1e-6 * jnp.array([1.0, -2.0, 0.5, 1.5])
     arm = problem.arm
     moved = displacement(arm.forward(position + turn), arm.forward(position))

@@ -1,113 +1,122 @@
-"""What an error in the joints' stiffness costs at the hand.
-
-A mechanism is set to the designed stiffness as far as somebody estimated it: the joint really has k (1 + e). The
-controller was designed for k, so that the hand's compliance is C_a + J diag(c / (1 + e)) Jᵀ instead of C_s.
-"""
+"""What errors in the joints' stiffness cost at the hand, level by level."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from tuning.files.errors import input_error
-from tuning.kinds.arm.problem import ArmProblem
-from tuning.kinds.arm.run import write_run
 from tuning.kinds.arm.study import ArmStudy
-from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save
-from tuning.runs.folder import read_results, read_table
-from vsajax import rollout
-from vsajax.control import stiffness_errors
+from tuning.pictures.page import Picture, Table
+from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure
+from tuning.scoring.summary import define, has_failed
+from tuning.study.scores import HANDS
 
 _FROM_RUN = "run"
-_LEAST = 0.05
-"""No joint is left with less than this share of its stiffness, whatever the draw."""
+_ERRORS = tuple(score.name for score in HANDS)
+_SHOWN = [f"{name}_{which}" for name in ("stiffness_error", "stiffness_change") for which in ("median", "q95")]
+_HEADERS = ["joints' MSREP [%]", "hand against desired", "95 %", "hand against designed", "95 %", "failed"]
 
 
-@eqx.filter_jit
-def _hand_errors(
-    problem: ArmProblem, positions: Float[Array, "draws joints"], errors: Float[Array, "draws joints"]
-) -> Float[Array, "draws 3"]:
-    arrays, rest = eqx.partition(problem, eqx.is_array)
-
-    def one(lane: tuple[Array, Array], shared: Any) -> Array:
-        own, (q, error) = eqx.combine(shared, rest), lane
-        design = own.design(q)
-        actual = own.passive(q, design.joint_compliance / jnp.maximum(1.0 + error, _LEAST))
-        found = stiffness_errors(design.active + actual, design.desired)
-        # What the error itself does, apart from an offset that the design has without it.
-        change = stiffness_errors(design.active + actual, design.serial)
-        return jnp.stack([found.stiffness, found.compliance, change.stiffness])
-
-    return rollout.map_lanes(one, (positions, errors), arrays)
-
-
-def run_accuracy(
-    study: ArmStudy, problem: ArmProblem, path: Path, draws: int | None = None
-) -> dict[str, np.ndarray]:
-    """Return one row a draw: level of MSREP [%], and the relative errors of the hand's stiffness.
-
-    The relative error of a joint is drawn normal with the variance MSREP / 100, as MSREP is the mean square of
-    relative errors in %; at the level of a run every joint draws a robot of its own. A robot whose
-    estimate diverged leaves no stiffness to set: its draw has no numbers, and is counted as failed.
+@dataclass(frozen=True)
+class Accuracy:
+    """A Monte Carlo run over an arm, level by level of its joints' MSREP.
 
     Args:
         study: of the arm.
-        problem: the same, computable.
-        path: the study's file, where a relative path to a run starts.
-        draws: at each level; by default the study's.
+        columns: of the run by name, `(scenario,)`: the level `msrep` [%], NaN at that of another run's robots, and
+            the relative errors of the hand.
     """
-    count = draws or study.accuracy.draws
-    rng = np.random.default_rng(study.seed)
-    positions, shapes = problem.draw(rng, count), rng.normal(size=(count, problem.arm.joints))
-    levels: list[tuple[float, np.ndarray]] = [
-        (level, np.full(shapes.shape, level)) for level in study.accuracy.msrep
-    ]
-    if study.accuracy.run is not None:
-        known = _msrep_of_run(path.parent / study.accuracy.run, f"{path}: accuracy.run")
-        levels.append((np.nan, rng.choice(known, shapes.shape)))
-    columns: dict[str, list[np.ndarray]] = {"msrep": [], **{name: [] for name in _ERRORS}}
-    for level, msrep in levels:
-        found = np.asarray(
-            _hand_errors(problem, jnp.asarray(positions), jnp.asarray(shapes * np.sqrt(msrep / 100.0)))
+
+    study: ArmStudy
+    columns: Mapping[str, np.ndarray]
+    picture_name = "accuracy"
+
+    @cached_property
+    def rows(self) -> list[dict[str, Any]]:
+        """Median and 95 % quantile of the errors at each level, and the share that fails by each definition."""
+        rows = summarise(self.columns)
+        failures = self.study.population.failures
+        for row in rows if failures else []:
+            at = _at_level(self.columns, row["msrep"])
+            own = {name: values[at] for name, values in self.columns.items()}
+            row["failures"] = {name: float(has_failed(own, name, text).mean()) for name, text in failures.items()}
+        return rows
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether any arm has a hand whose stiffness has a value."""
+        return any(row["stiffness_error_median"] is not None for row in self.rows)
+
+    @property
+    def headline(self) -> str:
+        """What the largest level costs."""
+        told = [row for row in self.rows if row["stiffness_change_median"] is not None]
+        if not told:
+            return "No arm has a hand whose stiffness has a value."
+        row = told[-1]
+        at = (
+            "the run's own MSREP" if row["msrep"] == _FROM_RUN else f"an MSREP of {row['msrep']:g} % in the joints"
         )
-        columns["msrep"].append(np.full(count, level))
-        for i, name in enumerate(_ERRORS):
-            columns[name].append(found[:, i])
-    return {name: np.concatenate(parts) for name, parts in columns.items()}
+        change = _percent(row["stiffness_change_median"])
+        return f"At {at} the hand's stiffness is off its design by {change} in the median."
+
+    def as_tables(self) -> dict[str, Any]:
+        """Return it for machines."""
+        return {"ok": self.is_ok, "joints": list(self.study.chain.names), "levels": self.rows}
+
+    def as_text(self) -> str:
+        """Return it for people."""
+        from tuning.terminal.options import table
+
+        lost = "no arm has a hand whose stiffness has a value: `vsajax stiffness` says why for one pose"
+        shown = self.table()
+        return "\n".join([table(shown.headers, shown.rows), *([] if self.is_ok else [lost])])
+
+    def table(self) -> Table:
+        """Return the errors at each level."""
+        failures = self.study.population.failures
+        rows = [
+            [
+                row["msrep"],
+                *(_percent(row[name]) for name in _SHOWN),
+                row["failed"],
+                *(_percent(row["failures"][name]) for name in failures),
+            ]
+            for row in self.rows
+        ]
+        defined = [define(name, text) for name, text in failures.items()]
+        return Table("The hand's error by the joints'", [*_HEADERS, *defined], rows)
+
+    def picture(self) -> Picture:
+        """Draw how the errors grow with the level."""
+        return Picture(
+            "What accuracy costs",
+            draw_accuracy(self.columns),
+            "The error of the hand's stiffness against the error of the joints' stiffness that caused it.",
+            self.headline,
+        )
 
 
-_ERRORS = ("stiffness_error", "compliance_error", "stiffness_change")
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.4g} %"
 
 
-def _msrep_of_run(folder: Path, place: str) -> np.ndarray:
-    file = folder / "results.parquet"
-    if not file.is_file():
-        raise input_error(place, f"{folder} is no finished run", "name a folder that `vsajax montecarlo` wrote")
-    try:
-        table = read_results(folder) if (folder / "manifest.json").exists() else read_table(file)
-        values = np.asarray(table["msrep_settled"], float)
-    except (KeyError, TypeError) as error:
-        problem = f"{file} has no column msrep_settled ({error})"
-        raise input_error(place, problem, "name a run of an estimator") from None
-    values = np.where(np.isfinite(values), values, np.nan)
-    if np.isnan(values).all():
-        raise input_error(place, f"{file} has no finite msrep_settled", "its robots all failed; mend that run")
-    return values
+def _at_level(columns: Mapping[str, np.ndarray], level: float | str) -> np.ndarray:
+    """Return which scenarios are at a level."""
+    return np.isnan(columns["msrep"]) if level == _FROM_RUN else columns["msrep"] == level
 
 
-def summarise(columns: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+def summarise(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """Return median and 95 % quantile of the errors at each level, in order of the levels."""
     levels = list(dict.fromkeys("run" if np.isnan(v) else float(v) for v in columns["msrep"]))
     rows = []
     for level in levels:
-        chosen = np.isnan(columns["msrep"]) if level == _FROM_RUN else columns["msrep"] == level
+        chosen = _at_level(columns, level)
         row: dict[str, Any] = {"msrep": level}
         for name in _ERRORS:
             values = columns[name][chosen]
@@ -119,15 +128,7 @@ def summarise(columns: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     return rows
 
 
-def write_accuracy(
-    study: ArmStudy, columns: dict[str, np.ndarray], folder: Path, result: Mapping[str, Any]
-) -> list[Path]:
-    """Write the run with all draws, and the picture, into a folder."""
-    files = write_run(folder, "montecarlo", study, result, columns)
-    return [*files, save(draw_accuracy(columns), folder / "accuracy.png")]
-
-
-def draw_accuracy(columns: dict[str, np.ndarray]) -> Figure:
+def draw_accuracy(columns: Mapping[str, np.ndarray]) -> Figure:
     """Draw the errors of the hand against the MSREP of the joints."""
     medians = [f"{name}_median" for name in ("stiffness_error", "stiffness_change")]
     told = [row for row in summarise(columns) if all(row[name] is not None for name in medians)]

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
-from tuning.terminal.following import deploy, run_folder, words
+from tuning.terminal.following import run_folder, words
 from tuning.terminal.options import JSON, QUIET, RUN, SEED, SETTINGS, STUDY, emit, table, with_seed
 
 if TYPE_CHECKING:
-    from tuning.kinds.arm.problem import ArmProblem
+    from tuning.kinds.arm.bench import ArmBench
     from tuning.kinds.arm.study import ArmStudy
     from tuning.study.limits import Need
 
@@ -25,7 +24,7 @@ def _open(
     needs: Callable[[ArmStudy, str], Sequence[Need]] | None = None,
     *,
     folder: Path | None = None,
-) -> tuple[ArmStudy, ArmProblem]:
+) -> tuple[ArmStudy, ArmBench]:
     from tuning.kinds.arm.study import load_arm_study
     from tuning.study.limits import require
 
@@ -39,9 +38,9 @@ def _open(
     from tuning.runs.machine import start_jax
 
     start_jax()
-    from tuning.kinds.arm.problem import build_problem
+    from tuning.kinds.arm.bench import build_bench
 
-    return study, build_problem(study, path)
+    return study, build_bench(study, path)
 
 
 def _end(*, ok: bool) -> None:
@@ -68,13 +67,10 @@ def _percent(value: float | None) -> str:
 @QUIET
 def stiffness(study: Path, folder: Path | None, settings: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """Design joints and controller for the pose of STUDY; exit 1 where the pose allows no design that meets it."""
-    loaded, problem = _open(study, settings, None, folder=folder)
+    loaded, bench = _open(study, settings, None, folder=folder)
     from tuning.kinds.arm.design import design_pose
-    from tuning.kinds.arm.kinematics import chain_of
-    from tuning.kinds.arm.study import outside_of
 
-    chain = chain_of(loaded.arm, str(study), study.parent)
-    result = design_pose(loaded, problem, outside_of(loaded, chain))
+    result = design_pose(loaded, bench, loaded.notes())
     files, told = [], result.as_tables()
     if folder is not None:
         from tuning.kinds.arm.figures import draw_pose
@@ -108,10 +104,10 @@ def workspace(
     """Map the stiffness that the arm of STUDY can have over its workspace."""
     from tuning.kinds.arm.needs import of_workspace
 
-    loaded, problem = _open(study, settings, seed, of_workspace, folder=folder)
+    loaded, bench = _open(study, settings, seed, of_workspace, folder=folder)
     from tuning.kinds.arm.workspace import map_workspace, write_workspace
 
-    columns, summary = map_workspace(loaded, problem)
+    columns, summary = map_workspace(loaded, bench)
     files = write_workspace(loaded, columns, folder, summary)
 
     def text() -> str:
@@ -149,12 +145,12 @@ def poses(
     """Search poses with the hand where it is whose joints alone fit the stiffness better."""
     from tuning.kinds.arm.needs import of_poses
 
-    loaded, problem = _open(study, settings, seed, of_poses, folder=folder)
+    loaded, bench = _open(study, settings, seed, of_poses, folder=folder)
     from tuning.kinds.arm.poses import improve_poses, write_poses
     from tuning.terminal.progress import progress
 
     with progress("poses", loaded.poses.starts, quiet=quiet or as_json) as advance:
-        columns, summary = improve_poses(loaded, problem, advance)
+        columns, summary = improve_poses(loaded, bench, advance)
     files = write_poses(loaded, columns, folder, summary)
 
     def text() -> str:
@@ -179,47 +175,3 @@ def _unreached(summary: Mapping[str, Any]) -> str:
     if summary["ok"]:
         return f"{lost} have no start whose error has a value: they are left out"
     return f"{lost} has a pose whose passive error has a value: `vsajax stiffness` says why for one of them"
-
-
-def run_arm_accuracy(
-    study: Path, folder: Path, draws: int, settings: tuple[str, ...], seed: int | None, as_json: bool, quiet: bool
-) -> None:
-    """Do `vsajax montecarlo` for an arm: what an error in the joints' stiffness costs at the hand."""
-    from tuning.kinds.arm.needs import of_accuracy
-
-    chosen = click.get_current_context().get_parameter_source("scenarios") is not ParameterSource.DEFAULT
-
-    def needs(loaded: ArmStudy, place: str) -> list[Need]:
-        return of_accuracy(loaded, "--scenarios", draws) if chosen else of_accuracy(loaded, place)
-
-    loaded, problem = _open(study, settings, seed, needs, folder=folder)
-    from tuning.kinds.arm.accuracy import run_accuracy, summarise, write_accuracy
-
-    columns = run_accuracy(loaded, problem, study, draws if chosen else None)
-    rows = summarise(columns)
-    ok = any(row["stiffness_error_median"] is not None for row in rows)
-    result = {"ok": ok, "joints": list(problem.names), "levels": rows}
-    files = write_accuracy(loaded, columns, folder, result)
-
-    def text() -> str:
-        shown: list[list[Any]] = [
-            [
-                row["msrep"],
-                *(_percent(row[f"stiffness_error_{q}"]) for q in ("median", "q95")),
-                *(_percent(row[f"stiffness_change_{q}"]) for q in ("median", "q95")),
-                row["failed"],
-            ]
-            for row in rows
-        ]
-        headers = ["joints' MSREP [%]", "hand against desired", "95 %", "hand against designed", "95 %", "failed"]
-        lost = "no arm has a hand whose stiffness has a value: `vsajax stiffness` says why for one pose"
-        return "\n".join([table(headers, shown), *([] if ok else [lost]), *(f"wrote {file}" for file in files)])
-
-    emit(
-        {"run": folder, "files": files} | result,
-        as_json=as_json,
-        quiet=quiet,
-        text=text,
-        following=lambda: deploy(study, settings),
-    )
-    _end(ok=ok)

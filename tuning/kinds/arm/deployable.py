@@ -12,10 +12,10 @@ from tuning.exports.deployable import Deployable
 from tuning.exports.layout import Path
 from tuning.exports.ranges import Order, Range
 from tuning.files.errors import input_error
+from tuning.kinds.arm.bench import ArmBench, build_bench, pose_of
 from tuning.kinds.arm.names import listed, numbered
-from tuning.kinds.arm.problem import ArmProblem, build_problem, pose_of
 from tuning.kinds.arm.study import ArmStudy
-from tuning.study.base import Base
+from tuning.study.base import FOLDER, Base
 from tuning.study.parts.base import Part
 from vsajax.arms import task_scale
 from vsajax.control import ArmController, ArmReading
@@ -45,24 +45,26 @@ class DeployableDesigner(Deployable):
 
     Args:
         study: of the arm.
-        place: its file, for errors; a URDF lies beside it.
+        place: its file, for errors.
     """
 
     noun = "designer"
 
     def __init__(self, study: ArmStudy, place: str):
         self.study = study
-        self.problem: ArmProblem = build_problem(study, File(place))
+        self.bench: ArmBench = build_bench(study, place)
         urdf = study.arm.urdf
         # What is exported is read beside what it names.
-        self._urdf = None if urdf is None else File(place).parent / urdf
+        self._urdf = None if urdf is None else study.folder / urdf
 
     @property
     def config(self) -> ArmStudy:
         """The study; a URDF is named without its folder."""
         if self._urdf is None:
             return self.study
-        return self.study.model_copy(update={"arm": self.study.arm.model_copy(update={"urdf": self._urdf.name})})
+        named = self.study.arm.model_copy(update={"urdf": self._urdf.name})
+        provenance = {key: value for key, value in self.study.provenance.items() if key != FOLDER}
+        return self.study.model_copy(update={"arm": named, "provenance": provenance})
 
     @property
     def companions(self) -> dict[str, bytes]:
@@ -73,18 +75,18 @@ class DeployableDesigner(Deployable):
     def title(self) -> str:
         """What it is, for people; joints with names of their own are named in the order of every array."""
         own = f" ({listed(self.joints)}, in this order)" if self.joints else ""
-        return f"Cartesian stiffness of an arm with {self.problem.arm.joints} joints{own}, in every cycle"
+        return f"Cartesian stiffness of an arm with {self.bench.arm.joints} joints{own}, in every cycle"
 
     @property
     def joints(self) -> tuple[str, ...]:
         """The joints' own names, e.g. those of a URDF; none where they have only numbers."""
-        names = self.problem.names
+        names = self.bench.names
         return () if names == numbered(len(names)) else names
 
     @property
     def joint_count(self) -> int:
         """How many joints the arm has."""
-        return self.problem.arm.joints
+        return self.bench.arm.joints
 
     @property
     def parts(self) -> Mapping[tuple[str, ...], Part]:
@@ -102,13 +104,13 @@ class DeployableDesigner(Deployable):
 
     def build(self) -> ArmController:
         """Return the controller of the arm."""
-        problem = self.problem
-        return ArmController(problem.arm, problem.bounds, problem.designer, problem.length)
+        bench = self.bench
+        return ArmController(bench.arm, bench.bounds, bench.designer, bench.length)
 
     @property
     def sample(self) -> ArmReading:
         """Positions, velocities, posture and desired stiffness."""
-        still = jnp.zeros(self.problem.arm.joints)
+        still = jnp.zeros(self.bench.arm.joints)
         return ArmReading(still, still, still, jnp.asarray(self._stiffness))
 
     @property
@@ -138,9 +140,9 @@ class DeployableDesigner(Deployable):
         posture = position - 0.02 * wave[:, None] * np.cos(np.arange(position.shape[1]))
         factors = 1.0 + 0.5 * wave[:, None, None]
         stiffness = factors * self._stiffness
-        stiffest = float(self.problem.designer.max_active_stiffness)
+        stiffest = float(self.bench.designer.max_active_stiffness)
         stiffness[-4], stiffness[-3] = -self._stiffness, np.nan
-        units = np.asarray(task_scale(self.problem.length))[: self.study.task.size]
+        units = np.asarray(task_scale(self.bench.length))[: self.study.task.size]
         stiffness[-2] = np.diag(2.0 * stiffest * units**2)
         columns = {"time": time, "position": position, "velocity": velocity, "posture": posture}
         return columns | {"stiffness": stiffness}, f"a path of {self.study.name!r} past a singular pose"
@@ -148,10 +150,10 @@ class DeployableDesigner(Deployable):
     def _path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions [rad] and velocities [rad/s], at rest in every pose that the path leads to."""
         rng = np.random.default_rng(self.study.seed)
-        pose = np.asarray(pose_of(self.study, self.problem))
-        drawn = self.problem.draw(rng, _DRAWS)
-        units = np.asarray(task_scale(self.problem.length))[:, None]
-        jacobians = units * np.asarray(jnp.vectorize(self.problem.arm.jacobian, signature="(n)->(m,n)")(drawn))
+        pose = np.asarray(pose_of(self.study, self.bench))
+        drawn = self.bench.draw(rng, _DRAWS)
+        units = np.asarray(task_scale(self.bench.length))[:, None]
+        jacobians = units * np.asarray(jnp.vectorize(self.bench.arm.jacobian, signature="(n)->(m,n)")(drawn))
         spread = np.linalg.svd(jacobians[:, : self.study.task.size], compute_uv=False)
         most_singular = drawn[np.argmin(spread[:, -1] / spread[:, 0])]
         poses = np.stack([pose, *drawn[:3], most_singular, drawn[3], pose])

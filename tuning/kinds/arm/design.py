@@ -10,8 +10,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
+from tuning.kinds.arm.bench import ArmBench, PoseOutcome, pose_of
 from tuning.kinds.arm.names import shown
-from tuning.kinds.arm.problem import ArmProblem, Outcome, pose_of
 from tuning.kinds.arm.study import ArmStudy
 from vsajax.arms import task_scale
 from vsajax.control import Status, StiffnessDesign
@@ -105,18 +105,18 @@ class PoseDesign:
 
 
 @eqx.filter_jit
-def _design(problem: ArmProblem, pose: Array) -> tuple[StiffnessDesign, Outcome]:
-    return problem.design(pose), problem.outcome(pose)
+def _design(bench: ArmBench, pose: Array) -> tuple[StiffnessDesign, PoseOutcome]:
+    return bench.design(pose), bench.outcome(pose)
 
 
-def design_pose(study: ArmStudy, problem: ArmProblem, outside: Sequence[str] = ()) -> PoseDesign:
+def design_pose(study: ArmStudy, bench: ArmBench, outside: Sequence[str] = ()) -> PoseDesign:
     """Return the design for the study's pose; `outside` says which joints that puts outside of their ranges."""
-    pose = pose_of(study, problem)
-    design, outcome = _design(problem, pose)
+    pose = pose_of(study, bench)
+    design, outcome = _design(bench, pose)
     scale = np.asarray(task_scale(study.task.length))[: study.task.size]
     status = Status(int(design.status))
     return PoseDesign(
-        list(problem.names),
+        list(bench.names),
         [float(v) for v in pose],
         list(outside),
         [float(v) for v in outcome.hand],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tuning.kinds.arm.study import ArmStudy
 from tuning.runs.machine import usable_cores
-from tuning.study.limits import Need, in_count, product
+from tuning.study.limits import Need, Needs, in_count, product
 
 _POSE_BYTES, _POSE_SECONDS = 2500, 5e-5
 """Of a pose's outcome, in programs, in the table and in the picture."""
@@ -48,14 +48,13 @@ def of_poses(study: ArmStudy, place: str) -> list[Need]:
     ]
 
 
-def of_accuracy(study: ArmStudy, place: str, draws: float | None = None) -> list[Need]:
-    """Return what arms with errors in their stiffness need; `draws` at each level, in the study's place."""
-    count = study.accuracy.draws if draws is None else draws
-    levels = len(study.accuracy.msrep) + (study.accuracy.run is not None)
+def of_accuracy(study: ArmStudy, place: str) -> list[Need]:
+    """Return what arms with errors in their stiffness need, as many as the study draws at each level."""
+    count, levels = study.accuracy.draws, len(study.levels)
     drawn = product(count, levels)
     return [
         Need(
-            f"{place}: accuracy.draws" if draws is None else place,
+            f"{place}: accuracy.draws",
             f"{in_count(count)} arms at each of {levels} levels",
             "draw fewer",
             memory=drawn * _POSE_BYTES,
@@ -67,3 +66,6 @@ def of_accuracy(study: ArmStudy, place: str, draws: float | None = None) -> list
 def of_arm(study: ArmStudy, place: str) -> list[Need]:
     """Return all that an arm's study asks for."""
     return [*of_workspace(study, place), *of_poses(study, place), *of_accuracy(study, place)]
+
+
+NEEDS = Needs(of_arm, (_POSE_BYTES, _POSE_SECONDS))

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from tuning.kinds.arm.accuracy import draw_accuracy, summarise
+from tuning.kinds.arm.accuracy import Accuracy
 from tuning.kinds.arm.figures import draw_pose
 from tuning.kinds.arm.poses import draw_poses
-from tuning.kinds.arm.run import ArmRun
+from tuning.kinds.arm.run import ArmRun, read_run
 from tuning.kinds.arm.workspace import draw_workspace
 from tuning.pictures.page import Page, Picture, Table
 from tuning.study.base import to_toml
 
 
-def report_arm(run: ArmRun) -> Page:
-    """Return the report on a run of `stiffness`, `workspace`, `poses` or `montecarlo`."""
+def report_folder(folder: Path) -> Page:
+    """Return the report on a run of one of an arm's own commands.
+
+    Raises:
+        InputError: a file of the run is missing, damaged, or another run's.
+    """
+    run = read_run(folder)
     headline, picture, tables = _DESCRIBE[run.command](run)
     manifest = run.manifest
     facts = [
@@ -115,24 +121,9 @@ def _poses(run: ArmRun) -> _Described:
 
 
 def _accuracy(run: ArmRun) -> _Described:
-    levels = summarise(dict(run.columns))
-    told = [row for row in levels if row["stiffness_change_median"] is not None]
-    headline = "No arm has a hand whose stiffness has a value."
-    if told:
-        row = told[-1]
-        at = "the run's own MSREP" if row["msrep"] == "run" else f"an MSREP of {row['msrep']:g} % in the joints"
-        change = _percent(row["stiffness_change_median"])
-        headline = f"At {at} the hand's stiffness is off its design by {change} in the median."
-    picture = Picture(
-        "What accuracy costs",
-        draw_accuracy(dict(run.columns)),
-        "The error of the hand's stiffness against the error of the joints' stiffness that caused it.",
-        headline,
-    )
-    shown = [f"{name}_{which}" for name in ("stiffness_error", "stiffness_change") for which in ("median", "q95")]
-    rows = [[row["msrep"], *(_percent(row[name]) for name in shown), row["failed"]] for row in levels]
-    headers = ["joints' MSREP [%]", "against desired", "95 %", "against designed", "95 %", "failed"]
-    return headline, picture, [Table("The hand's error by the joints'", headers, rows)]
+    """Describe a run from before Monte Carlo runs of arms went the way of all others."""
+    told = Accuracy(run.study, run.columns)
+    return told.headline, told.picture(), [told.table()]
 
 
 def _words(name: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from tuning.kinds.arm.problem import ArmProblem
+from tuning.kinds.arm.bench import ArmBench
 from tuning.kinds.arm.run import write_run
 from tuning.kinds.arm.study import ArmStudy
 from tuning.pictures.style import ESTIMATE, OTHER, QUIET, new_figure, save
@@ -24,23 +24,23 @@ from vsajax.control import PoseSearch, fit_passive, hand_compliance, improve_pos
 _IN_PLACE = 1e-7
 
 
-def passive_error(problem: ArmProblem, positions: Float[Array, " joints"]) -> Array:
+def passive_error(bench: ArmBench, positions: Float[Array, " joints"]) -> Array:
     """Return the relative error of the best passive compliance at a pose: what a search makes small.
 
     Under a load it is the error that the load leaves of the fit without it.
     """
-    compliance = _fitted(problem, problem.jacobian(positions))
-    return stiffness_errors(problem.passive(positions, compliance), inverse(problem.desired)).compliance
+    compliance = _fitted(bench, bench.jacobian(positions))
+    return stiffness_errors(bench.passive(positions, compliance), inverse(bench.desired)).compliance
 
 
-def _fitted(problem: ArmProblem, jacobian: Float[Array, "m joints"]) -> Float[Array, " joints"]:
-    return fit_passive(jacobian, inverse(problem.desired), problem.bounds, problem.designer.solver).compliance
+def _fitted(bench: ArmBench, jacobian: Float[Array, "m joints"]) -> Float[Array, " joints"]:
+    return fit_passive(jacobian, inverse(bench.desired), bench.bounds, bench.designer.solver).compliance
 
 
 @eqx.filter_jit
-def passive_errors(problem: ArmProblem, jacobians: Float[Array, "lanes m joints"]) -> Float[Array, " lanes"]:
+def passive_errors(bench: ArmBench, jacobians: Float[Array, "lanes m joints"]) -> Float[Array, " lanes"]:
     """Return the error of the best passive compliance for many Jacobians, however they came about; no load."""
-    arrays, rest = eqx.partition(problem, eqx.is_array)
+    arrays, rest = eqx.partition(bench, eqx.is_array)
 
     def one(jacobian: Float[Array, "m joints"], shared: Any) -> Array:
         own = eqx.combine(shared, rest)
@@ -52,10 +52,10 @@ def passive_errors(problem: ArmProblem, jacobians: Float[Array, "lanes m joints"
 
 @eqx.filter_jit
 def search(
-    problem: ArmProblem, starts: Float[Array, "lanes joints"], hands: Float[Array, "lanes 3"], steps: int
+    bench: ArmBench, starts: Float[Array, "lanes joints"], hands: Float[Array, "lanes 3"], steps: int
 ) -> tuple[Array, PoseSearch]:
     """Return for each lane how far from its place the hand starts [m], and the search."""
-    arrays, rest = eqx.partition(problem, eqx.is_array)
+    arrays, rest = eqx.partition(bench, eqx.is_array)
 
     def one(lane: tuple[Array, Array], shared: Any) -> tuple[Array, PoseSearch]:
         own, (start, hand) = eqx.combine(shared, rest), lane
@@ -67,7 +67,7 @@ def search(
 
 
 def improve_poses(
-    study: ArmStudy, problem: ArmProblem, advance: Advance
+    study: ArmStudy, bench: ArmBench, advance: Advance
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return a row a target: the error at its own pose, from it and from the best start, and a summary.
 
@@ -77,12 +77,12 @@ def improve_poses(
     rng = np.random.default_rng(study.seed)
     began = time.perf_counter()
     targets, starts = study.poses.targets, study.poses.starts
-    own = problem.draw_starts(rng, targets)
-    hands = np.asarray(eqx.filter_vmap(lambda q: problem.arm.forward(q).position)(jnp.asarray(own)))
+    own = bench.draw_starts(rng, targets)
+    hands = np.asarray(eqx.filter_vmap(lambda q: bench.arm.forward(q).position)(jnp.asarray(own)))
     before, after, random, poses, shifts = [], [], [], [], []
     for k in range(starts):
-        first = own if k == 0 else problem.draw_starts(rng, targets)
-        shift, found = search(problem, jnp.asarray(first), jnp.asarray(hands), study.poses.steps)
+        first = own if k == 0 else bench.draw_starts(rng, targets)
+        shift, found = search(bench, jnp.asarray(first), jnp.asarray(hands), study.poses.steps)
         counts = (np.asarray(shift) < _IN_PLACE) & np.isfinite(np.asarray(found.value))
         before.append(np.where(counts, found.initial, np.inf))
         after.append(np.where(counts, found.value, np.inf))
@@ -100,7 +100,7 @@ def improve_poses(
         "best_search_error": np.min(after, axis=0),
         "starts_in_place": np.sum(random, axis=0),
     }
-    columns |= {f"{name}_position": chosen[:, i] for i, name in enumerate(problem.names)}
+    columns |= {f"{name}_position": chosen[:, i] for i, name in enumerate(bench.names)}
     names = {
         "own pose": "own_error",
         "searched from the own pose": "own_search_error",
@@ -110,7 +110,7 @@ def improve_poses(
     reached = np.isfinite(columns["best_search_error"])
     summary = {
         "ok": bool(reached.any()),
-        "joints": list(problem.names),
+        "joints": list(bench.names),
         "targets": targets,
         "unreached": int((~reached).sum()),
         "starts": starts,

@@ -1,196 +1,166 @@
-"""An arm study made computable: from joint positions to a design, for one pose and for very many."""
+"""What errors in the joints' stiffness leave of the hand's, scenario by scenario.
+
+A mechanism is set to the designed stiffness as far as somebody estimated it: the joint really has k (1 + e). The
+controller was designed for k, so that the hand's compliance is C_a + J diag(c / (1 + e)) Jᵀ instead of C_s.
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from tuning.files.errors import InputError
-from tuning.kinds.arm.kinematics import chain_of
-from tuning.kinds.arm.robots import arm_of
-from tuning.kinds.arm.study import ArmStudy, check_joints
-from vsajax import rollout
-from vsajax.arms import SerialArm, scaled_rows, task_scale
-from vsajax.control import (
-    Status,
-    StiffnessBounds,
-    StiffnessDesign,
-    StiffnessDesigner,
-    design_loaded,
-    hand_compliance,
-    loaded_compliance,
-    stiffness_errors,
-)
+from tuning.files.errors import input_error
+from tuning.kinds.arm.bench import USABLE, ArmBench, Joints, build_bench
+from tuning.kinds.arm.study import ArmStudy
+from tuning.problem.interface import LANES, Outcome, Scenario, Status, Stream, Values
+from tuning.problem.scenarios import draw_scenarios
+from tuning.runs.folder import read_results, read_table
+from vsajax.control import stiffness_errors
 
-Joints = Float[Array, " joints"]
+MSREP = "msrep"
+"""The level of a scenario among its numbers [%]; NaN stands for that of another run's robots."""
+_POSE, _ERRORS, _ROBOTS = range(3)
+_LEAST = 0.05
+"""No joint is left with less than this share of its stiffness, whatever the draw."""
+_SAMPLES = 128
+"""Of a simple joint's simulation, which take as long as one design."""
 
 
-class Outcome(NamedTuple):
-    """What a pose allows.
+class ArmScores(NamedTuple):
+    """How far off a hand is, relative; NaN where no design can be used.
 
     Args:
-        hand: its position [m].
-        joint_stiffness: [N·m/rad].
-        scale: factor on the passive compliances.
-        passive_stiffness_error: relative, of the joints alone.
-        passive_compliance_error: the same as compliances.
-        stiffness_error: relative, of joints and controller.
+        stiffness_error: of the hand's stiffness from the desired one.
         compliance_error: the same as compliances.
-        passive_share: tr C_p / tr C_d.
-        is_exact: whether the desired stiffness is met.
-        status: see `Status`.
+        stiffness_change: from the designed one: what the joints' errors do, apart from an offset that the design
+            has without them.
+        diverged: 1 where the others are NaN, else 0.
     """
 
-    hand: Float[Array, "3"]
-    joint_stiffness: Joints
-    scale: Float[Array, ""]
-    passive_stiffness_error: Float[Array, ""]
-    passive_compliance_error: Float[Array, ""]
-    stiffness_error: Float[Array, ""]
-    compliance_error: Float[Array, ""]
-    passive_share: Float[Array, ""]
-    is_exact: Array
-    status: Int[Array, ""]
+    stiffness_error: Float[Array, "..."]
+    compliance_error: Float[Array, "..."]
+    stiffness_change: Float[Array, "..."]
+    diverged: Float[Array, "..."]
 
 
-class ArmProblem(eqx.Module):
-    """The arm, what its hand should be like, and how that is designed.
+class Given(NamedTuple):
+    """What `outcome` is given.
 
     Args:
-        arm: kinematics.
-        ranges: of the joints [rad].
-        drawn: where the search of poses draws its targets and starts [rad].
-        desired: K_d in the task's coordinates [N/m].
-        bounds: of the joints' stiffness.
-        designer: both stages.
-        length: at which a rotation counts as a displacement [m].
-        load: on the hand, or `None` [N].
-        names: of the joints, in the order of every number that there is one of a joint.
+        bench: the numbers of the arm, its task and its design.
+        robots: MSREP of another run's robots, NaN of those that failed; `None` without such a run [%].
     """
 
-    arm: SerialArm
-    ranges: Float[Array, "joints 2"]
-    drawn: Float[Array, "joints 2"]
-    desired: Float[Array, "m m"]
-    bounds: StiffnessBounds
-    designer: StiffnessDesigner
-    length: Float[Array, ""]
-    load: Float[Array, "3"] | None = None
-    names: tuple[str, ...] = eqx.field(static=True, default=())
-
-    def jacobian(self, positions: Joints) -> Float[Array, "m joints"]:
-        """Return J in the task's coordinates, rotations scaled to displacements."""
-        whole = scaled_rows(self.arm.jacobian(positions), self.length)
-        return whole[: self.desired.shape[0]]
-
-    def design(self, positions: Joints) -> StiffnessDesign:
-        """Return joints and controller for a pose, under the load if there is one."""
-        jacobian = self.jacobian(positions)
-        if self.load is None:
-            return self.designer.design(jacobian, self.desired, self.bounds)
-        load = self.arm.load_stiffness(positions, self._wrench())
-        return design_loaded(self.designer, jacobian, self.desired, self.bounds, load)
-
-    def passive(self, positions: Joints, compliance: Joints) -> Float[Array, "m m"]:
-        """Return the hand's compliance by joints of some compliance alone, under the load if there is one."""
-        if self.load is None:
-            return hand_compliance(self.jacobian(positions), compliance)
-        load = self.arm.load_stiffness(positions, self._wrench())
-        return loaded_compliance(self.jacobian(positions), compliance, load)
-
-    def _wrench(self) -> Float[Array, "6"]:
-        return jnp.concatenate([jnp.asarray(self.load), jnp.zeros(3)])
-
-    def outcome(self, positions: Joints) -> Outcome:
-        """Return what a pose allows."""
-        design = self.design(positions)
-        both = jnp.stack([design.passive, design.serial])
-        errors = jax.vmap(stiffness_errors, (0, None))(both, design.desired)
-        # A singular pose is infinitely stiff in some direction: the passive error as a stiffness has no value.
-        passive_stiffness = jnp.where(design.status == Status.SINGULAR, jnp.nan, errors.stiffness[0])
-        return Outcome(
-            self.arm.forward(positions).position,
-            design.joint_stiffness,
-            design.scale,
-            passive_stiffness,
-            errors.compliance[0],
-            errors.stiffness[1],
-            errors.compliance[1],
-            jnp.trace(design.passive) / jnp.trace(design.desired),
-            design.is_exact,
-            design.status,
-        )
-
-    def draw(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return joint positions drawn evenly from the joints' ranges, `(count, joints)` [rad]."""
-        return _uniform(rng, self.ranges, count)
-
-    def draw_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return joint positions for the search of poses, as `draw` does from `drawn`."""
-        return _uniform(rng, self.drawn, count)
+    bench: ArmBench
+    robots: Float[Array, " robots"] | None
 
 
-def _uniform(rng: np.random.Generator, ranges: Array, count: int) -> np.ndarray:
-    low, high = np.asarray(ranges).T
-    return rng.uniform(low, high, (count, low.size))
+@dataclass(frozen=True)
+class ArmProblem:
+    """An arm whose joints are not as stiff as they are believed to be.
 
-
-@eqx.filter_jit
-def outcomes(problem: ArmProblem, positions: Float[Array, "poses joints"]) -> Outcome:
-    """Return what many poses allow, on all cores."""
-    arrays, rest = eqx.partition(problem, eqx.is_array)
-    return rollout.map_lanes(lambda q, shared: eqx.combine(shared, rest).outcome(q), positions, arrays)
-
-
-def usable(outcome: Outcome) -> np.ndarray:
-    """Return which of many outcomes have a design that can be used: finite, for a task that can be met."""
-    met = np.isin(outcome.status, (Status.SOLVED, Status.SINGULAR))
-    numbers = np.column_stack([outcome.joint_stiffness, outcome.compliance_error, outcome.stiffness_error])
-    return met & np.isfinite(numbers).all(1)
-
-
-def told_statuses(status: np.ndarray) -> str:
-    """Return what became of many poses, the commonest first, in words."""
-    kinds, counts = np.unique(np.asarray(status, int), return_counts=True)
-    order = np.argsort(-counts, kind="stable")
-    return "; ".join(f"{counts[i]} of {np.size(status)}: {Status(int(kinds[i])).text}" for i in order)
-
-
-def build_problem(study: ArmStudy, path: Path) -> ArmProblem:
-    """Return the problem of a study; `path` is its file.
+    Args:
+        study: the study.
+        varied: dotted paths of the numbers that will vary, beside the population's.
 
     Raises:
-        InputError: the URDF cannot be read, or numbers do not fit its joints.
+        InputError: a URDF, or the run that `accuracy.run` names, cannot be read.
     """
-    chain = chain_of(study.arm, str(path), path.parent)
-    mistakes = check_joints(study, chain, str(path))
-    if mistakes:
-        raise InputError(*mistakes)
-    drawn = np.deg2rad(study.poses.drawn_deg) if study.poses.drawn_deg else chain.ranges
-    every = jnp.ones(chain.joints)
-    scale = task_scale(study.task.length)[: study.task.size]
-    controller = study.controller
-    return ArmProblem(
-        arm_of(chain),
-        jnp.asarray(chain.ranges),
-        jnp.asarray(drawn),
-        jnp.asarray(study.task.matrix()) / (scale[:, None] * scale),
-        StiffnessBounds(jnp.asarray(study.joints.lower) * every, jnp.asarray(study.joints.upper) * every),
-        StiffnessDesigner(controller.max_stiffness, scaling=controller.scaling, clip=controller.clip),
-        jnp.asarray(study.task.length),
-        jnp.asarray(study.task.load) if any(study.task.load) else None,
-        chain.names,
-    )
+
+    study: ArmStudy
+    varied: tuple[str, ...] = ()
+    lanes: ClassVar[int] = LANES
+
+    def __post_init__(self) -> None:
+        """Read what the study names, so that what is wrong with it is told before anything is written."""
+        _ = self.given
+
+    @cached_property
+    def bench(self) -> ArmBench:
+        """The bench at the study's own numbers."""
+        return build_bench(self.study, "study")
+
+    @property
+    def samples(self) -> int:
+        """How much work a scenario is, counted in samples of a joint's simulation."""
+        return _SAMPLES
+
+    @cached_property
+    def given(self) -> Given:
+        """What `outcome` is given: one compilation serves every value."""
+        return Given(eqx.filter(self.bench, eqx.is_array), _robots_of(self.study))
+
+    def scenarios(self, stream: Stream, count: int, start: int = 0) -> Scenario:
+        """Return the scenarios `start`, `start` + 1, … of a stream, each draw at every level in turn."""
+        levels = self.study.levels
+        numbers = start + np.arange(count)
+        first, last = numbers[0] // len(levels), numbers[-1] // len(levels)
+        draws = draw_scenarios(self.study, stream, int(last - first + 1), int(first))
+        own = jax.tree.map(lambda x: x[numbers // len(levels) - first], draws)
+        return Scenario(own.key, own.numbers | {MSREP: jnp.asarray(levels)[numbers % len(levels)]})
+
+    def outcome(self, values: Values, scenario: Scenario, given: Given) -> Outcome:
+        """Return the scores at `values` in a scenario, and whether they count."""
+        bench = eqx.combine(given.bench, self.bench)
+        drawn = {path: value for path, value in scenario.numbers.items() if path != MSREP}
+        bench = bench.with_values({**drawn, **values})
+        low, high = bench.ranges.T
+        positions = jax.random.uniform(_part(scenario, _POSE), low.shape, minval=low, maxval=high)
+        msrep = self._msrep(scenario, given, low.shape)
+        # MSREP is the mean square of relative errors, in %.
+        errors = jax.random.normal(_part(scenario, _ERRORS), low.shape) * jnp.sqrt(msrep / 100.0)
+        scores, is_usable = _score(bench, positions, errors)
+        status = jnp.where(is_usable, Status.OK, Status.NO_DESIGN)
+        return Outcome(scores, jnp.where(jnp.isnan(msrep).any(), Status.ESTIMATE_DIVERGED, status))
+
+    def _msrep(self, scenario: Scenario, given: Given, shape: tuple[int, ...]) -> Joints:
+        """Return the MSREP of each joint [%]: the level, or that of a robot of its own from another run."""
+        level = jnp.broadcast_to(scenario.numbers[MSREP], shape)
+        if given.robots is None:
+            return level
+        chosen = jax.random.choice(_part(scenario, _ROBOTS), given.robots, shape)
+        return jnp.where(jnp.isnan(level), chosen, level)
 
 
-def pose_of(study: ArmStudy, problem: ArmProblem) -> jax.Array:
-    """Return the study's pose [rad], by default the middle of the joints' ranges."""
-    if study.arm.pose_deg:
-        return jnp.deg2rad(jnp.asarray(study.arm.pose_deg))
-    return problem.ranges.mean(1)
+def _part(scenario: Scenario, number: int) -> Array:
+    return jax.random.fold_in(scenario.key, number)
+
+
+def _score(bench: ArmBench, positions: Joints, errors: Joints) -> tuple[ArmScores, Array]:
+    """Return how far off the hand is, and whether the pose has a design that can be used."""
+    design = bench.design(positions)
+    actual = bench.passive(positions, design.joint_compliance / jnp.maximum(1.0 + errors, _LEAST))
+    found = stiffness_errors(design.active + actual, design.desired)
+    change = stiffness_errors(design.active + actual, design.serial)
+    scores = jnp.stack([found.stiffness, found.compliance, change.stiffness])
+    is_usable = jnp.isin(design.status, jnp.asarray(USABLE)) & jnp.isfinite(scores).all()
+    blank = jnp.where(is_usable, 1.0, jnp.nan)
+    stiffness, compliance, changed = scores * blank
+    return ArmScores(stiffness, compliance, changed, jnp.where(is_usable, 0.0, 1.0)), is_usable
+
+
+def _robots_of(study: ArmStudy) -> Array | None:
+    """Return the MSREP of the robots of the run that a study names [%], NaN of those that failed."""
+    if study.accuracy.run is None:
+        return None
+    place, folder = "study: accuracy.run", study.folder / study.accuracy.run
+    file = folder / "results.parquet"
+    if not file.is_file():
+        raise input_error(place, f"{folder} is no finished run", "name a folder that `vsajax montecarlo` wrote")
+    try:
+        table = read_results(folder) if (folder / "manifest.json").exists() else read_table(file)
+        values = np.asarray(table["msrep_settled"], float)
+    except (KeyError, TypeError) as error:
+        problem = f"{file} has no column msrep_settled ({error})"
+        raise input_error(place, problem, "name a run of an estimator") from None
+    values = np.where(np.isfinite(values), values, np.nan)
+    if np.isnan(values).all():
+        raise input_error(place, f"{file} has no finite msrep_settled", "its robots all failed; mend that run")
+    return jnp.asarray(values)

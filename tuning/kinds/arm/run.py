@@ -21,7 +21,10 @@ from tuning.study.base import resolved, study_hash
 _MANIFEST = "manifest.json"
 _KIND = "arm"
 _TABLES = {"workspace": "workspace.parquet", "poses": "poses.parquet", "montecarlo": "accuracy.parquet"}
-"""What each command leaves beside its manifest; `stiffness` has one pose, and no table."""
+"""What each command leaves beside its manifest; `stiffness` has one pose, and no table.
+
+`montecarlo` left one before its runs were those of all kinds; such a folder is still read.
+"""
 
 
 @dataclass(frozen=True)
@@ -92,11 +95,6 @@ def write_run(
     files.append(folder / _MANIFEST)
     write_text(files[-1], json.dumps(seal_tables(manifest), indent=2) + "\n")
     return files
-
-
-def is_arm_run(folder: Path) -> bool:
-    """Return whether a folder holds a run of an arm."""
-    return (_read(folder) or {}).get("kind") == _KIND
 
 
 def read_run(folder: Path) -> ArmRun:

@@ -5,21 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from tuning.files.errors import InputError, Mistake
 from tuning.files.kinds import ARM_STUDY
 from tuning.files.text import Line
-from tuning.files.toml import Seed, Table
+from tuning.files.toml import Table
 from tuning.kinds.arm.chain import Chain
 from tuning.kinds.arm.kinematics import chain_of
 from tuning.kinds.arm.names import listed
 from tuning.kinds.arm.tables import FARTHEST_DEG, Arm, Pair, Vector3
-from tuning.study.base import Base
+from tuning.study.base import FOLDER, Study, Tune
+from tuning.study.kinds import lacking
 from tuning.study.loading import load
-from tuning.study.parts.base import AtLeastOne, NonNegative, Positive
+from tuning.study.parts.base import AtLeastOne, NonNegative, Part, Positive
+from tuning.study.scores import Objective
 
 Numbers = Annotated[list[Positive], Field(min_length=1)]
 
@@ -27,7 +29,7 @@ _ROUNDING = 1e-9
 """Of degrees turned into radians."""
 
 
-class JointStiffness(Table):
+class JointStiffness(Part):
     """What the joints' mechanisms can be set to [N·m/rad]; one number for all, or one a joint."""
 
     lower: Positive | Numbers
@@ -55,7 +57,7 @@ class Task(Table):
         return [list(map(float, row)) for row in rows]  # pyright: ignore
 
 
-class Controller(Table):
+class Controller(Part):
     """The active stage."""
 
     max_stiffness: Positive = 4545.0
@@ -98,12 +100,20 @@ class Accuracy(Table):
     run: Line | None = None
 
 
-class ArmStudy(Base):
-    """Everything that the lab does with an arm."""
+class ArmStudy(Study):
+    """Everything that the lab does with an arm.
 
+    A scenario is a pose of the joints' ranges and an error of each joint's stiffness, at one of the levels of
+    `accuracy`: scenario i is draw i // levels at level i % levels, so that all levels see the same draws.
+    """
+
+    varied: ClassVar[tuple[str, ...]] = ("joints", "controller")
     presets: ClassVar[Mapping[str, str]] = {"arm": "arms"}
+    later: ClassVar[frozenset[str]] = frozenset({"population", "scenarios", "sweep", "tune"})
+    contested: ClassVar[tuple[str, ...]] = ("joints", "controller")
+    objectives: ClassVar[tuple[Objective, ...]] = ("stiffness_error", "compliance_error", "stiffness_change")
     kind: Literal["arm"]  # pyright: ignore[reportIncompatibleVariableOverride] - one name of those that there are
-    seed: Seed = 0
+    tune: Tune = Tune(objective="stiffness_error")
     arm: Arm
     joints: JointStiffness
     task: Task
@@ -112,13 +122,67 @@ class ArmStudy(Base):
     poses: Poses = Poses()
     accuracy: Accuracy = Accuracy()
 
+    @classmethod
+    def parsed(cls, tables: Mapping[str, Any], place: str) -> Self:
+        """Return it from its tables; where the files that it names by relative paths lie is kept with it.
+
+        They lie beside the study's file. A study that a command has written keeps where those of the study that it
+        follows from lie, unless they were put beside it.
+        """
+        study = super().parsed(tables, place)
+        named = [name for name in study.inputs() if not Path(name).is_absolute()]
+        here = Path(place).parent.absolute()
+        is_beside = Path(place).is_file() and all((here / name).is_file() for name in named)
+        if not named or (FOLDER in study.provenance and not is_beside):
+            return study
+        return study.model_copy(update={"provenance": study.provenance | {FOLDER: str(here)}})
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths of files that it names start."""
+        return Path(self.provenance.get(FOLDER, ""))
+
+    def inputs(self) -> Iterator[str]:
+        """Return the paths of the files that it names, and whose contents determine results."""
+        if self.arm.urdf is not None:
+            yield self.arm.urdf
+        if self.accuracy.run is not None:
+            yield f"{self.accuracy.run}/results.parquet"
+
+    @property
+    def chain(self) -> Chain:
+        """The joints of its arm; a URDF is read."""
+        return chain_of(self.arm, "study", self.folder)
+
+    @property
+    def levels(self) -> list[float]:
+        """The levels of MSREP at which scenarios are drawn [%]; NaN stands for that of another run's robots."""
+        return [*self.accuracy.msrep, *([] if self.accuracy.run is None else [math.nan])]
+
+    def robots(self, asked: int | None) -> int:
+        """Return how many scenarios a Monte Carlo run has: so many draws, or the study's, at each level."""
+        return (asked or self.accuracy.draws) * len(self.levels)
+
+    def no_gradient(self, place: str, method: str) -> Mistake | None:
+        """Return why the scores have no gradient to go by."""
+        del method
+        why = "its scores are flat where a design is exact, and kinked where a joint meets its bound"
+        return lacking(place, self, f"gradient ({why})", f"vsajax tune {place} -o RUN --method cmaes")
+
+    def notes(self) -> list[str]:
+        """Return a sentence for each joint that the study's pose puts outside of its range."""
+        return outside_of(self, self.chain)
+
     def mistakes(self, place: str) -> Iterator[Mistake]:
         """Return what is wrong of the task, and of numbers that there must be one of a joint; a URDF is read."""
         yield from check_task(self.task, place)
         try:
-            yield from check_joints(self, chain_of(self.arm, place, Path(place).parent), place)
+            yield from check_joints(self, chain_of(self.arm, place, self.folder), place)
         except InputError as error:
             yield from error.mistakes
+        if not self.levels:
+            fix = "give at least one level of MSREP, e.g. [0.1]"
+            yield Mistake(f"{place}: accuracy.msrep", "is empty, and there is no accuracy.run", fix)
 
 
 def load_arm_study(path: Path, settings: Sequence[str] = ()) -> ArmStudy:

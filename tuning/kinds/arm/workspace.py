@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from tuning.kinds.arm.problem import ArmProblem, Outcome, outcomes, told_statuses, usable
+from tuning.kinds.arm.bench import ArmBench, PoseOutcome, outcomes, told_statuses, usable
 from tuning.kinds.arm.run import write_run
 from tuning.kinds.arm.study import ArmStudy
 from tuning.pictures.style import ESTIMATE, OTHER, new_figure, save
@@ -20,26 +20,26 @@ from vsajax.control import Status
 Columns = dict[str, np.ndarray]
 
 
-def map_workspace(study: ArmStudy, problem: ArmProblem) -> tuple[Columns, dict[str, Any]]:
+def map_workspace(study: ArmStudy, bench: ArmBench) -> tuple[Columns, dict[str, Any]]:
     """Return the outcome of every pose drawn, as columns, and a summary: `ok` if any pose has a usable design."""
-    positions = problem.draw(np.random.default_rng(study.seed), study.workspace.poses)
+    positions = bench.draw(np.random.default_rng(study.seed), study.workspace.poses)
     start = time.perf_counter()
-    found = outcomes(problem, jnp.asarray(positions))
+    found = outcomes(bench, jnp.asarray(positions))
     values = {name: np.asarray(value) for name, value in found._asdict().items()}
     elapsed = time.perf_counter() - start
-    columns: Columns = {f"{name}_position": positions[:, i] for i, name in enumerate(problem.names)}
+    columns: Columns = {f"{name}_position": positions[:, i] for i, name in enumerate(bench.names)}
     columns |= {f"hand_{axis}": values["hand"][:, i] for i, axis in enumerate("xyz")}
     stiffness = values["joint_stiffness"]
-    columns |= {f"{name}_stiffness": stiffness[:, i] for i, name in enumerate(problem.names)}
+    columns |= {f"{name}_stiffness": stiffness[:, i] for i, name in enumerate(bench.names)}
     columns |= {name: value for name, value in values.items() if value.ndim == 1}
     verdict = {"ok": bool(usable(found).any()), "meaning": told_statuses(columns["status"])}
-    return columns, verdict | _summary(columns, problem.names, elapsed)
+    return columns, verdict | _summary(columns, bench.names, elapsed)
 
 
 def _summary(columns: Columns, joints: Sequence[str], elapsed: float) -> dict[str, Any]:
     status = columns["status"]
     counted = {kind.name.lower(): int((status == kind).sum()) for kind in Status}
-    errors = [name for name in Outcome._fields if name.endswith("_error")]
+    errors = [name for name in PoseOutcome._fields if name.endswith("_error")]
     quantiles = {name: _quantiles(columns[name]) for name in errors}
     return {
         "joints": list(joints),

@@ -66,12 +66,11 @@ class LogProblem:
 
     study: LogStudy
     varied: tuple[str, ...] = ()
-    if_not_finite: ClassVar[tuple[str, str]] = ("recording", "mend the log or its signal map")
     # Each holds its signals whole.
     lanes: ClassVar[int] = rollout.LANES_PER_CHUNK
 
     def __post_init__(self) -> None:
-        # A log that is of no use is told of ahead of anything that is written.
+        """Read the log, so that what is wrong with it is told before anything is written."""
         _ = self.table
 
     @cached_property
@@ -81,13 +80,8 @@ class LogProblem:
 
     @property
     def samples(self) -> int:
-        """Number of samples of the log."""
+        """How much work a scenario is: the samples of the log."""
         return len(self.table.columns["time"])
-
-    @property
-    def substeps(self) -> int:
-        """Integration steps a sample: one."""
-        return 1
 
     @cached_property
     def given(self) -> Given:
@@ -103,13 +97,6 @@ class LogProblem:
         """Return the part of the log that a stream stands for, `(count,)` times."""
         drawn = draw_scenarios(self.study, stream, count, start)
         return drawn._replace(numbers={_HELD_OUT: jnp.full(count, stream == "held_out")})
-
-    def columns(self, scenario: Scenario, given: Given) -> dict[str, Array]:
-        """Return what was recorded, the torque that is explained, and the deflection that lags as it does."""
-        del scenario
-        torque, deflection = self.signals({}, given)
-        signals = {name: value for name, value in given.recording._asdict().items() if value is not None}
-        return signals | {"torque": torque, "lagging_deflection": deflection}
 
     def signals(self, values: Values, given: Given) -> tuple[Float[Array, " time"], Float[Array, " time"]]:
         """Return the torque that is explained [N·m], and the deflection that lags as it does [rad]."""

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tuning.kinds.arm.problem import ArmProblem
+from tuning.kinds.arm.bench import ArmBench
 from tuning.papers.cartesian.space import load_rows, open_example, pose_rows, random_pose_rows
 from tuning.papers.rows import Report, Row
 from tuning.pictures.style import ESTIMATE, OTHER, TRUTH, new_figure, save
@@ -43,7 +43,7 @@ _K_A_NOTE = (
 )
 
 
-def _problem(**changes: object) -> tuple[ArmProblem, jax.Array]:
+def _problem(**changes: object) -> tuple[ArmBench, jax.Array]:
     problem, pose = open_example()
     designer = StiffnessDesigner(problem.designer.max_active_stiffness, **changes)  # pyright: ignore[reportArgumentType]
     return eqx.tree_at(lambda p: p.designer, problem, designer), pose

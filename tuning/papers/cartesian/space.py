@@ -15,8 +15,8 @@ from scipy.linalg import eigh
 from scipy.optimize import lsq_linear
 
 from tuning.files.shipped import example_path
+from tuning.kinds.arm.bench import ArmBench, build_bench, outcomes, pose_of
 from tuning.kinds.arm.poses import improve_poses, passive_errors
-from tuning.kinds.arm.problem import ArmProblem, build_problem, outcomes, pose_of
 from tuning.kinds.arm.study import load_arm_study
 from tuning.papers.cartesian.self_motion import Lengths, scan
 from tuning.papers.rows import Row
@@ -25,12 +25,12 @@ from vsajax.control import compliance_problem, inverse
 _POSES = 1000
 
 
-def open_example(*settings: str) -> tuple[ArmProblem, Array]:
-    """Return the problem and pose of the study that `vsajax init arm` writes, with settings."""
+def open_example(*settings: str) -> tuple[ArmBench, Array]:
+    """Return the bench and pose of the study that `vsajax init arm` writes, with settings."""
     path = example_path("arm", "arm")
     study = load_arm_study(path, settings)
-    problem = build_problem(study, path)
-    return problem, pose_of(study, problem)
+    bench = build_bench(study, path)
+    return bench, pose_of(study, bench)
 
 
 class _Designs(NamedTuple):
@@ -46,15 +46,15 @@ class _Designs(NamedTuple):
     is_inside: np.ndarray
 
 
-def _by_scipy(problem: ArmProblem, positions: Array) -> _Designs:
+def _by_scipy(bench: ArmBench, positions: Array) -> _Designs:
     """Return the designs by bounded-variable least squares and LAPACK's generalised eigenvalues."""
-    jacobians = np.asarray(eqx.filter_vmap(problem.jacobian)(positions))
-    desired = np.linalg.inv(np.asarray(problem.desired))
-    floor = 1.0 / float(problem.designer.max_active_stiffness) * np.eye(3)
+    jacobians = np.asarray(eqx.filter_vmap(bench.jacobian)(positions))
+    desired = np.linalg.inv(np.asarray(bench.desired))
+    floor = 1.0 / float(bench.designer.max_active_stiffness) * np.eye(3)
     found = []
     for jacobian in jacobians:
         design, target, least, most = map(
-            np.asarray, compliance_problem(jnp.asarray(jacobian), jnp.asarray(desired), problem.bounds)
+            np.asarray, compliance_problem(jnp.asarray(jacobian), jnp.asarray(desired), bench.bounds)
         )
         size = np.linalg.norm(design * most)
         fit = lsq_linear(
@@ -79,9 +79,9 @@ def _errors(compliance: np.ndarray, desired: np.ndarray) -> tuple[float, float]:
 
 def random_pose_rows() -> list[Row]:
     """Return how often the design is exact over random poses and how far it is off, each beside SciPy's."""
-    problem, _ = open_example()
-    poses = jnp.asarray(problem.draw(np.random.default_rng(0), _POSES))
-    ours, theirs = outcomes(problem, poses), _by_scipy(problem, poses)
+    bench, _ = open_example()
+    poses = jnp.asarray(bench.draw(np.random.default_rng(0), _POSES))
+    ours, theirs = outcomes(bench, poses), _by_scipy(bench, poses)
     is_exact = np.asarray(ours.is_exact)
     differ = float(np.sum(is_exact != (theirs.is_inside > 0.0)))
     share, other = (100.0 * float(np.mean(flags)) for flags in (is_exact, theirs.is_inside))
@@ -135,8 +135,8 @@ def pose_rows() -> list[Row]:
     ):
         path = example_path("arm", "arm")
         study = load_arm_study(path, pose_settings(stiffness))
-        problem = build_problem(study, path)
-        columns, summary = improve_poses(study, problem, lambda amount=1.0: None)
+        bench = build_bench(study, path)
+        columns, summary = improve_poses(study, bench, lambda amount=1.0: None)
         note = f"median of {_TARGETS} targets; of an independent reproduction with 128, of standard error 1.5 %"
         for name, column, value in zip(
             ("random pose", "searched from it", "searched from 6 poses"),
@@ -149,13 +149,13 @@ def pose_rows() -> list[Row]:
                 rows.append(Row(f"{label}: {name}", None, ours, "%", 0.95 * value, 1.05 * value, note))
         rows.append(Row(f"{label}: hand held while searching", None, summary["largest_shift"], "m", 0.0, 1e-7))
         hands = np.stack([columns[f"hand_{axis}"] for axis in "xyz"], 1)
-        rows += _scan_rows(label, problem, hands[:_SCANNED], columns["best_search_error"][:_SCANNED])
+        rows += _scan_rows(label, bench, hands[:_SCANNED], columns["best_search_error"][:_SCANNED])
     return rows
 
 
-def _scan_rows(label: str, problem: ArmProblem, hands: np.ndarray, searched: np.ndarray) -> list[Row]:
+def _scan_rows(label: str, bench: ArmBench, hands: np.ndarray, searched: np.ndarray) -> list[Row]:
     """Return how far the search stays above the best of all poses, by a scan of the self-motion in closed form."""
-    least = np.array([least_error(problem, hand) for hand in hands])
+    least = np.array([least_error(bench, hand) for hand in hands])
     excess = 100.0 * (searched - least)
     said = (
         f"{_SCANNED} targets, {_GRID[0]} × {_GRID[1]} poses each; their median is {100 * np.median(least):.1f} %"
@@ -168,14 +168,14 @@ def _scan_rows(label: str, problem: ArmProblem, hands: np.ndarray, searched: np.
 
 
 def least_error(
-    problem: ArmProblem, hand: Float[np.ndarray, "3"], directions: int = _GRID[0], turns: int = _GRID[1]
+    bench: ArmBench, hand: Float[np.ndarray, "3"], directions: int = _GRID[0], turns: int = _GRID[1]
 ) -> float:
     """Return the least passive compliance error of all poses of `lwr-like-7` with the hand at a place."""
     jacobians = scan(_ARM, hand, _BEND, directions, turns)
     short = -len(jacobians) % _CHUNK
     padded = np.concatenate([jacobians, np.repeat(jacobians[-1:], short, axis=0)])
     parts = padded.reshape(-1, _CHUNK, *padded.shape[1:])
-    return min(float(np.nanmin(passive_errors(problem, jnp.asarray(part)))) for part in parts)
+    return min(float(np.nanmin(passive_errors(bench, jnp.asarray(part)))) for part in parts)
 
 
 _LOAD_CHANGES = {"x": (2.1, 9.0), "y": (4.6, 19.0), "z": (0.8, 4.0)}
@@ -184,14 +184,14 @@ _LOAD_CHANGES = {"x": (2.1, 9.0), "y": (4.6, 19.0), "z": (0.8, 4.0)}
 def load_rows() -> list[Row]:
     """Return what a force at the hand does to the stiffness at t1, and what a design that knows it leaves."""
     rows = []
-    run = eqx.filter_jit(lambda problem, pose: problem.design(pose))
+    run = eqx.filter_jit(lambda bench, pose: bench.design(pose))
     bare, pose = open_example("controller.scaling=none")
     plain = run(bare, pose)
-    change = eqx.filter_jit(lambda problem, pose, compliance: problem.passive(pose, compliance))
+    change = eqx.filter_jit(lambda bench, pose, compliance: bench.passive(pose, compliance))
     for axis, expected in _LOAD_CHANGES.items():
         for force, value, by in zip((10.0, 50.0), expected, (0.06, 0.5), strict=True):
-            problem = _with_load(bare, axis, force)
-            loaded = change(problem, pose, plain.joint_compliance)
+            bench = _with_load(bare, axis, force)
+            loaded = change(bench, pose, plain.joint_compliance)
             ours = 100.0 * float(jnp.linalg.norm(loaded - plain.passive) / jnp.linalg.norm(plain.passive))
             note = "of an independent reproduction"
             rows.append(Row(f"C_p under {force:g} N along {axis}", None, ours, "%", value - by, value + by, note))
@@ -205,6 +205,6 @@ def load_rows() -> list[Row]:
     return rows
 
 
-def _with_load(problem: ArmProblem, axis: str, force: float) -> ArmProblem:
+def _with_load(bench: ArmBench, axis: str, force: float) -> ArmBench:
     load = jnp.asarray(force * np.eye(3)["xyz".index(axis)])
-    return eqx.tree_at(lambda p: p.load, problem, load, is_leaf=lambda leaf: leaf is None)
+    return eqx.tree_at(lambda p: p.load, bench, load, is_leaf=lambda leaf: leaf is None)

@@ -37,7 +37,7 @@ def draw_population(folder: Path, study: Study, summary: Summary) -> list[Path]:
 
 
 def _spread(study: Study) -> list[str]:
-    """Return the scores whose distribution is drawn: the objective, and the convergence time where there is one."""
+    """Return the scores whose distribution is drawn: the objective, and the time where there is one."""
     time = time_of(study.tune.objective)
     return list(dict.fromkeys([study.tune.objective, *([] if time is None else [time])]))
 
