@@ -43,9 +43,14 @@ class Contender:
 
     @property
     def verdict(self) -> str:
-        """What the difference says: "equal" (to rounding), "tie" (its interval holds 0), "better" or "worse"."""
+        """What the difference says: "equal" (to rounding), "tie" (its interval holds 0), "better" or "worse".
+
+        Of one scenario it says nothing more than itself: "no interval".
+        """
         if self.ties == 1.0:
             return "equal"
+        if self.judgement.scenarios == 1:
+            return "no interval"
         if not (self.low > 0.0 or self.high < 0.0):
             return "tie"
         return "worse" if self.low > 0.0 else "better"

@@ -18,7 +18,6 @@ COMPUTES = (
     "tuning.scoring.sweep.GridSweep.forecast",
     "tuning.search.refine.tune",
     "tuning.search.blackbox.explore",
-    "tuning.kinds.log.problem.LogSearch.run",
     "tuning.scoring.montecarlo.run_population",
     "tuning.scoring.montecarlo.forecast",
     "tuning.scoring.comparison.compare",
