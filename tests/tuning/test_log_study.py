@@ -18,7 +18,7 @@ from tuning.problem.interface import problem_of
 from tuning.runs.folder import read_manifest
 from tuning.runs.workers import planner_of, spec_of
 from tuning.search.refine import Search
-from tuning.study.base import resolved, study_hash, to_toml
+from tuning.study.base import Config, resolved, study_hash, to_toml
 from tuning.study.loading import load_config, load_study
 
 GAIN = "estimator.torque.observer_gain"
@@ -141,6 +141,8 @@ def test_every_method_searches_a_log(vsajax, study_file, tmp_path, options, most
     best = load_config(run / "best.toml")
     assert best.provenance["held_out"]["samples"] == found["held_out"]["samples"] == 1999
     assert "low" not in best.provenance["held_out"]
+    # What `estimate -c` takes: the estimator alone.
+    assert type(best) is Config
     assert best.provenance.keys() >= {
         *("command", "method", "objective", "recording", "study_hash", "seed", "versions", "tuned"),
         *("train", "held_out", "noise_floor", "held_out_within_floor"),

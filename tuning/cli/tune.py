@@ -285,7 +285,7 @@ def tune(
         notes = [f"note: {printable(note)}" for note in finding.notes]
         found = [] if finding.table is None else [table(finding.table.headers, finding.table.rows)]
         wrote = f"wrote {folder / 'best.toml'}, {folder / 'results.parquet'} and {picture}"
-        return "\n".join([*notes, *lines, *judged, *found, *finding.sentences, cost, wrote])
+        return "\n".join([*notes, *lines, *map(str.rstrip, judged), *found, *finding.sentences, cost, wrote])
 
     def following() -> Words:
         if method == "pareto":

@@ -267,7 +267,7 @@ def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any
     provenance = joined(provenance, tuned.finding.provenance)
     # TOML has no number for an infinite convergence time that every reader takes; JSON's way out is a string.
     told = json.loads(json.dumps(provenance), parse_constant=str)
-    write_text(path, to_toml(descended(with_numbers(best, tuned.values, "tuned study"), told)))
+    write_text(path, to_toml(descended(with_numbers(best, tuned.values, "tuned study").deployed(), told)))
 
 
 def _stated(judgement: Judgement) -> dict[str, Any]:
