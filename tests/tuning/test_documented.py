@@ -15,9 +15,8 @@ import pytest
 from tests.tuning.cli.reaching import Reached, reach, write_log
 from tests.tuning.documented import ROOT, Command, commands, documents
 from tuning.cli.main import cli
-from tuning.files.kinds import ARM_STUDY, LOG_STUDY, kind_of
+from tuning.files.kinds import LOG_STUDY, kind_of
 from tuning.files.toml import read_toml
-from tuning.kinds.arm.study import load_arm_study
 from tuning.kinds.estimation.study import EstimationStudy
 from tuning.problem.replay import member
 from tuning.study.base import resolved, to_toml
@@ -46,6 +45,11 @@ SHORT = {
     "export": ("--duration", "0.2"),
 }
 """What is put behind a command, so that a whole document runs in minutes: less of the same."""
+SHORT_ARM = {
+    "sweep": ("--scenarios", "2"),
+    "tune": ("--trials", "4", "--batch", "4", "--set", "scenarios={train=4, held_out=4}"),
+}
+"""The same for a study without a clock."""
 
 
 def _map_of(kind: str) -> str:
@@ -86,8 +90,7 @@ def pretend(words: tuple[str, ...]) -> None:
         output.mkdir(parents=True, exist_ok=True)
         kind = kind_of(read_toml(given["study"]))
         assert kind is not LOG_STUDY
-        load = load_arm_study if kind is ARM_STUDY else load_study
-        (output / "best.toml").write_text(to_toml(resolved(load(given["study"], given["settings"]))))
+        (output / "best.toml").write_text(to_toml(resolved(load_study(given["study"], given["settings"]))))
     elif name in {"export", "stiffness", "workspace", "poses"} and output is not None:
         output.mkdir(parents=True, exist_ok=True)
 
@@ -152,6 +155,8 @@ def _needs_machines(words: tuple[str, ...]) -> bool:
 
 def _shortened(words: tuple[str, ...]) -> tuple[str, ...]:
     """Return what is put behind a command; what goes on with a run gets what its beginning got."""
+    if words[1:2] == ("arm.toml",) and words[0] in SHORT_ARM:
+        return SHORT_ARM[words[0]]
     if "--method" in words and not {"gradient", "hybrid"} & set(words):
         return ("--set", "clock.duration=0.5")
     if "--sensitivity" in words:

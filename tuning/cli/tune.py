@@ -265,16 +265,15 @@ def tune(
     def text() -> str:
         unit = unit_of(loaded.tune.objective)
         judged = [
-            f"{name:<28} {j.value:.4g}{unit}  "
-            + f"{between(j.low, j.high) or '–'}  "
-            + (f"median {j.median:.4g}{unit}  " if j.scenarios > 1 else "")
-            + ("" if j.msrep_mean is None else f"msrep {j.msrep_mean:.4g} %  ")
+            f"{name:<28} {j.value:.4g}{unit}  {between(j.low, j.high) or '–'}"
+            + (f"  median {j.median:.4g}{unit}" if j.scenarios > 1 else "")
+            + ("" if j.msrep_mean is None else f"  msrep {j.msrep_mean:.4g} %")
             + (
-                f"settled {j.settled_mean:.2g} %  "
+                f"  settled {j.settled_mean:.2g} %"
                 if j.settled_mean is not None and j.settled_mean == j.settled_mean
                 else ""
             )
-            + ("" if j.convergence_time is None else f"converged in {j.convergence_time:.3f} s")
+            + ("" if j.convergence_time is None else f"  converged in {j.convergence_time:.3f} s")
             for name, j in (
                 (f"before, {_many(tuned.before)}held out:", tuned.before),
                 (f"tuned, {_many(tuned.train)}training:", tuned.train),
@@ -285,7 +284,7 @@ def tune(
         notes = [f"note: {printable(note)}" for note in finding.notes]
         found = [] if finding.table is None else [table(finding.table.headers, finding.table.rows)]
         wrote = f"wrote {folder / 'best.toml'}, {folder / 'results.parquet'} and {picture}"
-        return "\n".join([*notes, *lines, *map(str.rstrip, judged), *found, *finding.sentences, cost, wrote])
+        return "\n".join([*notes, *lines, *judged, *found, *finding.sentences, cost, wrote])
 
     def following() -> Words:
         if method == "pareto":

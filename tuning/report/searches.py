@@ -43,9 +43,9 @@ def describe_sweep(run: FinishedRun) -> Parts:
     at = ", ".join(f"{name} = {valued(best[path])}" for name, path in zip(names, run.axes, strict=True))
     diverged = sum(row["diverged"] > 0 for row in ranking)
     headline = (
-        f"Best of {len(ranking)} configurations on {run.manifest['plan']['scenarios']} noise draws: "
+        f"Best of {len(ranking)} configurations on {run.manifest['plan']['scenarios']} scenarios: "
         f"{say_value(run, run.best)} at {at}. {near} lie within {100 * (NEAR - 1):.0f} % of it"
-        + (f"; {diverged} diverged in some draw." if diverged else ".")
+        + (f"; {diverged} diverged in some." if diverged else ".")
     )
     objective = run.objective
     found = [

@@ -22,7 +22,7 @@ from tuning.scoring.grid import Grid
 from tuning.study.base import Study, descended, study_hash, to_toml
 from tuning.study.choices import Setting, options_of
 from tuning.study.loading import with_numbers
-from tuning.study.paths import numeric_paths, structural_paths
+from tuning.study.paths import contested_number, numeric_paths, structural_paths
 from tuning.study.scores import SCORES
 from tuning.study.structures import grid_structures
 
@@ -230,11 +230,9 @@ def plan_sweep(study: Study, place: str) -> GridSweep:
         InputError: the grid is empty.
     """
     if not study.sweep.grid:
-        raise input_error(
-            f"{place}: sweep.grid",
-            "has no axis",
-            "add one, or give --grid estimator.fit.prior_scale=log(1e-3,10,8)",
-        )
+        path, own = contested_number(study)
+        fix = f"add one, or give --grid {path}=log({0.1 * own:g},{10.0 * own:g},8)"
+        raise input_error(f"{place}: sweep.grid", "has no axis", fix)
     settings = structural_paths(study)
     axes: dict[str, Sequence[Value]] = {
         path: options_of(axis, settings[path]) if path in settings else axis.grid()

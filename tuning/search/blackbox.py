@@ -201,7 +201,7 @@ def plan_blackbox(study: Study, method: BlackBoxMethod, batch: int, place: str) 
     """
     tune = study.tune
     if not tune.parameters and not tune.choices:
-        raise nothing_to_tune(place)
+        raise nothing_to_tune(study, place)
     if method == "cmaes" and tune.choices:
         problem = "cannot be searched by --method cmaes, which varies numbers only"
         raise input_error(f"{place}: tune.choices", problem, "choose with --method tpe or pareto")

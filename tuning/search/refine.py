@@ -26,8 +26,9 @@ from tuning.search.descent import Algorithm
 from tuning.search.least_squares import GradientTuner, Outcome
 from tuning.search.space import Space
 from tuning.study.base import Study, descended, study_hash, to_toml
+from tuning.study.kinds import lacking
 from tuning.study.loading import with_numbers
-from tuning.study.paths import numeric_paths
+from tuning.study.paths import contested_number, numeric_paths
 from tuning.terminal.progress import progress
 
 _SHOWN = 10
@@ -222,23 +223,24 @@ def plan_search(study: Study, method: Method, algorithm: Algorithm, place: str) 
             "choose with --method tpe or pareto, then refine its best.toml",
         )
     if not study.tune.parameters:
-        raise nothing_to_tune(place)
-    obstacle = None if method == "grid" else study.no_gradient(place, method)
-    if obstacle is not None:
-        raise InputError(obstacle)
-    search = Search(study, method, algorithm)
+        raise nothing_to_tune(study, place)
     # What cannot be computed is refused before anything is written.
-    _ = search.problem
+    search = Search(study, method, algorithm)
+    problem = search.problem
+    if method != "grid":
+        obstacle = study.no_gradient(place, method)
+        if obstacle is None and not isinstance(problem, Differentiable):
+            obstacle = lacking(place, study, "gradient (none is computed)", "use --method grid, tpe or cmaes")
+        if obstacle is not None:
+            raise InputError(obstacle)
     return search
 
 
-def nothing_to_tune(place: str) -> InputError:
+def nothing_to_tune(study: Study, place: str) -> InputError:
     """Return the error of a study without parameters."""
-    return input_error(
-        f"{place}: tune.parameters",
-        "names no number to tune",
-        'add one, e.g. [tune.parameters] "estimator.fit.prior_scale" = { low = 1e-4, high = 1e3 }',
-    )
+    path, own = contested_number(study)
+    fix = f'add one, e.g. [tune.parameters] "{path}" = {{ low = {0.1 * own:g}, high = {10.0 * own:g} }}'
+    return input_error(f"{place}: tune.parameters", "names no number to tune", fix)
 
 
 def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any], path: Path) -> None:

@@ -196,8 +196,16 @@ class Timed(Study, _Clocked):
 
 
 def resolved(config: Table) -> dict[str, Any]:
-    """Return every table of a configuration, defaults written out, absent features left out."""
+    """Return every table of a configuration, defaults written out, absent features left out.
+
+    Left out too are tables that came `later` and say nothing.
+    """
     return config.model_dump(exclude_none=True, exclude=_still_default(config))
+
+
+def every_table(study: Study) -> dict[str, Any]:
+    """Return what `resolved` does, and the tables that came later, whatever they say."""
+    return study.model_dump(exclude_none=True)
 
 
 def _still_default(config: Table) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tuning.files.errors import Mistake
-from tuning.study.base import Base
+from tuning.study.base import Base, Study
 from tuning.study.choices import Setting
 from tuning.study.parts.base import Part
 
@@ -27,6 +27,12 @@ def numeric_paths(config: Base) -> dict[str, float]:
     for part in config.varied:
         walk(part, getattr(config, part, None))
     return found
+
+
+def contested_number(config: Study) -> tuple[str, float]:
+    """Return a number to name as an example of what can be varied: the first of what is tuned and compared."""
+    numbers = numeric_paths(config).items()
+    return next(((path, value) for path, value in numbers if path.split(".")[0] in config.contested), ("a.b", 1.0))
 
 
 def structural_paths(config: Base) -> dict[str, Setting]:

@@ -10,7 +10,7 @@ from typing import Any
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.tables import put
 from tuning.files.toml import UNKNOWN_KEY, validate
-from tuning.study.base import Study, resolved
+from tuning.study.base import Study, every_table, resolved
 from tuning.study.choices import (
     Chosen,
     Setting,
@@ -46,13 +46,13 @@ def structures(study: Study, place: str) -> list[tuple[Chosen, Study]]:
 
 
 def _structure(study: Study, chosen: Chosen) -> Study:
-    tables = resolved(study)
+    tables = every_table(study)
     for path, value in settings_of(study.tune.choices, chosen).items():
         try:
             put(tables, path.split("."), copy.deepcopy(value))
         except TypeError:
             raise input_error(path, "leads through a value that is not a table") from None
-    tune, sweep = tables["tune"] | {"choices": {}}, {"grid": {}} | tables.get("sweep", {})
+    tune, sweep = tables["tune"] | {"choices": {}}, tables["sweep"]
     numbers = numeric_paths(_anew(study, tables | {"tune": tune | {"parameters": {}}, "sweep": {}}))
     options = set(chosen.values())
     tune["parameters"] = {
@@ -160,7 +160,7 @@ def grid_structures(study: Study, place: str) -> list[tuple[dict[str, Setting], 
 
 def _regrid(study: Study, chosen: Mapping[str, Setting]) -> Study:
     """Return a study with settings replaced, without the keys, axes and parameters that then have no place."""
-    tables = resolved(study)
+    tables = every_table(study)
     for path, value in chosen.items():
         put(tables, path.split("."), value)
     bare = {"tune": {**tables["tune"], "parameters": {}, "choices": {}}, "sweep": {}}

@@ -215,9 +215,9 @@ def test_a_small_arm_of_a_urdf_goes_through_every_command_under_its_joints_names
     (tmp_path / "space" / "workspace.parquet").write_bytes((tmp_path / "none" / "workspace.parquet").read_bytes())
     refused = vsajax("report", "space")
     assert (refused.code, "workspace.parquet" in refused.err) == (2, True)
-    manifest = tmp_path / "costs" / "manifest.json"
+    manifest = tmp_path / "better" / "manifest.json"
     manifest.write_text(manifest.read_text().replace('"draws": 8', '"draws": 9'))
-    refused = vsajax("report", "costs")
+    refused = vsajax("report", "better")
     assert (refused.code, "manifest.json: does not hold what was written" in refused.err) == (2, True)
 
 
@@ -316,7 +316,7 @@ def test_an_arm_goes_through_the_whole_pipeline(source, vsajax, study, tmp_path)
     assert run["msrep"] == "run"
     assert run["stiffness_change_median"] == pytest.approx(level["stiffness_change_median"], rel=1e-9)
     write_table(tmp_path / "robots" / "results.parquet", {"msrep_settled": [np.nan, *[rows[1]["msrep"]] * 4]})
-    lost = answer(vsajax("montecarlo", study, "-o", "own", "--scenarios", "200", "--json", *own))["levels"][1]
+    lost = answer(vsajax("montecarlo", study, "-o", "lost", "--scenarios", "200", "--json", *own))["levels"][1]
     assert lost["failed"] == pytest.approx(200 * (1 - 0.8**joints), abs=30)
 
     for picture in ("space/workspace.png", "poses/poses.png", "accuracy/accuracy.png"):
