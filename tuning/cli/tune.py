@@ -119,14 +119,18 @@ def sweep(
     best = write_winner(planned, rows[0], folder / "best.toml")
     told = {"run": folder, "results": folder / "results.parquet", "picture": picture}
     edges = say_edges(planned.axes, rows[0])
+    # Of one scenario the three are one.
+    shown = [name for name in rows[0] if planned.scenarios > 1 or name not in {"median", "q90"}]
     emit(
         told | {"winner": best, "best": rows[:10], "edges": edges},
         as_json=as_json,
         quiet=quiet,
         text=lambda: "\n".join(
             [
-                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective}:",
-                table(list(rows[0]), [list(row.values()) for row in rows[:5]]),
+                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective}:"
+                if planned.scenarios > 1
+                else f"{len(rows)} configurations; best by {objective}:",
+                table(shown, [[row[name] for name in shown] for row in rows[:5]]),
                 *(f"WARNING: {edge}" for edge in edges),
                 f"wrote {'' if best is None else f'{best}, '}{folder / 'results.parquet'} and {picture}",
             ]
