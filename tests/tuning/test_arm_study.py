@@ -19,6 +19,7 @@ from tuning.files.shipped import example_path
 from tuning.files.whole import write_table
 from tuning.kinds.arm.accuracy import summarise
 from tuning.kinds.arm.bench import NUMBERS
+from tuning.kinds.arm.deployable import deployable_of
 from tuning.kinds.arm.problem import ArmProblem
 from tuning.kinds.arm.run import write_run
 from tuning.problem.interface import Differentiable, Status
@@ -189,6 +190,10 @@ def test_a_urdf_is_found_wherever_a_command_runs(own, tmp_path, monkeypatch, vsa
     assert here.provenance == {"folder": str(tmp_path)}
     assert study_hash(here) == study_hash(there)
     assert there.chain.names == ("waist", "shoulder", "elbow")
+    # What is exported is read where it goes, and has the URDF beside it.
+    exported = deployable_of(here, "own.toml")
+    assert (exported.config.provenance, exported.config.arm.urdf) == ({}, "elbowed.urdf")
+    assert exported.companions == {"elbowed.urdf": ROBOT.encode()}
     copied = tmp_path / "deep" / "copy.toml"
     copied.write_text(vsajax("check", own).out)
     assert load_study(copied).provenance == here.provenance
