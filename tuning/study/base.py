@@ -103,9 +103,9 @@ class Config(Base):
 
 
 class Scenarios(Table):
-    """How many noise draws there are to tune on, and how many others to judge by.
+    """How many scenarios there are to tune on, and how many others to judge by.
 
-    They are drawn from different streams of the seed: no draw is in both.
+    They are drawn from different streams of the seed: none is in both.
     """
 
     train: AtLeastOne = 32
@@ -113,7 +113,7 @@ class Scenarios(Table):
 
 
 class Sweep(Table):
-    """The grid of `vsajax sweep`; `scenarios` noise draws are run at each of its points."""
+    """The grid of `vsajax sweep`; so many `scenarios` are run at each of its points."""
 
     scenarios: AtLeastOne = 16
     grid: dict[str, Axis] = Field(default_factory=dict)
