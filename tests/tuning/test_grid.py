@@ -15,7 +15,6 @@ from tuning.files.shipped import example_path
 from tuning.kinds.estimation.problem import EstimationProblem
 from tuning.problem.build import with_leaves
 from tuning.problem.scenarios import draw_scenarios
-from tuning.scoring import grid as grid_module
 from tuning.scoring.grid import Grid
 from tuning.study.loading import load_study
 from tuning.study.ranges import Reach
@@ -104,7 +103,7 @@ def test_a_grid_whose_scenarios_move_differently_is_the_loop():
 @pytest.mark.equivalence
 def test_scores_depend_neither_on_the_order_of_axes_nor_on_how_many_run_at_a_time(shared_motion, monkeypatch):
     problem, scores = shared_motion
-    monkeypatch.setattr(grid_module, "_WIDTH", 2)
+    monkeypatch.setattr(EstimationProblem, "lanes", 2)
     turned = Grid(problem, dict(reversed(SHARED_MOTION.items())), SCENARIOS)
     found = by_configuration(turned, turned.evaluate(turned.outer_points))
     assert_same({name: score.transpose(2, 1, 0, 3) for name, score in found.items()}, scores)

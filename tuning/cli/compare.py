@@ -208,6 +208,8 @@ def _against_first(contender: Contender) -> str:
     """Return what the paired scores say of a configuration against the first."""
     if contender.verdict == "equal":
         return f"equal to rounding in all of {contender.judgement.scenarios}"
+    if contender.verdict == "no interval":
+        return "one scenario: no interval"
     share = f"better in {100 * contender.wins:.0f} % of {contender.judgement.scenarios}"
     share += f", equal in {100 * contender.ties:.0f} %" if contender.ties else ""
     return f"{'a tie' if contender.verdict == 'tie' else contender.verdict}; {share}"

@@ -50,6 +50,18 @@ def _method(study: Study) -> str | None:
     return None
 
 
+def use(study: Study, best: Path) -> Words:
+    """Return how to use the best that a search has found: on the log that it was tuned on, or exported."""
+    from tuning.kinds.log.study import LogStudy
+
+    if not isinstance(study, LogStudy):
+        return deploy(best)
+    log = study.recording
+    chosen = [word for column, value in log.select.items() for word in ("--select", f"{column}={value}")]
+    mapped = [] if log.map is None else ["--map", log.map]
+    return words("estimate", log.file, "-c", best, *mapped, *chosen)
+
+
 def after_check(label: str, kind: str, path: Path, settings: Sequence[str]) -> Words:
     """Return what a file that was found valid is good for.
 

@@ -143,13 +143,10 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
 def _needs_of(config: Table, place: str) -> list[Need]:
     """Return what a file asks for by itself, whichever command it is given to."""
     from tuning.kinds import needs
-    from tuning.kinds.log.study import LogStudy
     from tuning.study.base import Config, Study
 
     if isinstance(config, Study):
         return needs.of_study(config, place)
-    if isinstance(config, LogStudy):
-        return [needs.of_fit(config.estimator, place), needs.of_log_search(config, place)]
     return [needs.of_fit(config.estimator, place)] if isinstance(config, Config) else []
 
 
@@ -173,9 +170,9 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
 
         return kinds.SIGNAL_MAP, read_signal_map(path, settings)
     if kind is kinds.LOG_STUDY:
-        from tuning.kinds.log.study import load_log_study
+        from tuning.study.loading import load_study
 
-        return kinds.LOG_STUDY, load_log_study(path, settings)
+        return kinds.LOG_STUDY, load_study(path, settings)
     if kind is kinds.JOINT:
         from tuning.kinds.presets import parse_joint
 

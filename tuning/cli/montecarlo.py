@@ -87,11 +87,13 @@ def montecarlo(
 
     For an arm: what an error in its joints' stiffness costs at the hand.
     """
-    from tuning.files.errors import input_error
-    from tuning.study.kinds import kind_of
+    from tuning.files.errors import InputError, input_error
+    from tuning.study.kinds import kind_of, lacking
     from tuning.study.loading import load_study
 
     loaded = load_study(study, with_seed(settings, seed), unused=["sweep"])
+    if because := loaded.no_scenarios():
+        raise InputError(lacking(str(study), loaded, f"scenarios to draw ({because})"))
     own = kind_of(loaded).told
     if own is not None:
         why = f"does not go with kind {loaded.kind!r}, whose robots are not summed up as one population"

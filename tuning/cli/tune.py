@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tuning.cli.executors import executor_for, machines_of, needs_of_workers, of_forecast, with_executor
-from tuning.cli.following import improve
-from tuning.terminal.following import Words, again, deploy, run_folder, words
+from tuning.cli.following import improve, use
+from tuning.files.errors import printable
+from tuning.terminal.following import Words, again, run_folder, words
 from tuning.terminal.options import (
     JSON,
     QUIET,
@@ -28,6 +29,7 @@ from tuning.terminal.options import (
 )
 
 if TYPE_CHECKING:
+    from tuning.scoring.intervals import Judgement
     from tuning.search.blackbox import Explored
     from tuning.search.refine import Tuned
     from tuning.study.base import Study
@@ -124,14 +126,18 @@ def sweep(
     best = write_winner(planned, rows[0], folder / "best.toml")
     told = {"run": folder, "results": folder / "results.parquet", "picture": picture}
     edges = say_edges(planned.axes, rows[0])
+    # Of one scenario the three are one.
+    shown = [name for name in rows[0] if planned.scenarios > 1 or name not in {"median", "q90"}]
     emit(
         told | {"winner": best, "best": rows[:10], "edges": edges},
         as_json=as_json,
         quiet=quiet,
         text=lambda: "\n".join(
             [
-                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective}:",
-                table(list(rows[0]), [list(row.values()) for row in rows[:5]]),
+                f"{len(rows)} configurations × {planned.scenarios} scenarios; best by mean {objective}:"
+                if planned.scenarios > 1
+                else f"{len(rows)} configurations; best by {objective}:",
+                table(shown, [[row[name] for name in shown] for row in rows[:5]]),
                 *(f"WARNING: {edge}" for edge in edges),
                 f"wrote {'' if best is None else f'{best}, '}{folder / 'results.parquet'} and {picture}",
             ]
@@ -190,22 +196,13 @@ def tune(
 ) -> None:
     """Find the best numbers of STUDY; write RUN/best.toml with its scores on held-out noise.
 
-    A STUDY with a [recording] is tuned on that log, by the gradient, and judged by the rest of it.
+    A STUDY with a [recording] is tuned on a part of that log, and judged by the rest of it.
     """
-    from tuning.kinds.log.study import is_log_study
     from tuning.study.loading import load_study
 
     own = [*settings]
     own += [] if starts is None else [f"tune.starts={starts}"]
     own += [] if budget is None else [f"tune.screen={budget}"]
-    if is_log_study(study, own):
-        from tuning.kinds.log.commands import tune_log
-
-        if method != "gradient" or resume:
-            raise click.UsageError("a study with a [recording] is tuned by --method gradient, without --resume")
-        refuse_given("does not go with a study that has a [recording]", "algorithm", "trials", "batch")
-        tune_log(study, with_seed(own, seed), folder, as_json=as_json, quiet=quiet)
-        return
     refuse_given(f"does not go with --method {method}: it is {_USELESS[method][0]}", *_USELESS[method][1])
     loaded = load_study(study, with_seed(own, seed))
     from tuning.kinds.needs import of_base, of_gradient, of_grid_search, of_held_out, of_trials
@@ -236,19 +233,23 @@ def tune(
         tell = _gridded if method == "grid" else _refined
         report, lines = tell(tuned, search.paths, loaded.tune.objective)
     from tuning.pictures.style import save
-    from tuning.report.pictures.searches import draw_tuning
+    from tuning.problem.finding import joined
+    from tuning.report.pictures.searches import draw_search
+    from tuning.runs.folder import columns_of, read_results
     from tuning.study.scores import unit_of
 
-    picture = save(
-        draw_tuning({"before": tuned.before.each, "tuned": tuned.held_out.each}, loaded.tune.objective),
-        folder / "figures" / "tuning.png",
-    )
+    each = {"before": tuned.before.each, "tuned": tuned.held_out.each}
+    drawn = draw_search(each, columns_of(read_results(folder)), sorted(tuned.values), loaded.tune.objective)
+    picture = save(drawn, folder / "figures" / "tuning.png")
+    finding = tuned.finding
     result = {
         "run": folder,
         "best": folder / "best.toml",
         "picture": picture,
         "method": method,
         "values": tuned.values,
+        "objective": tuned.objective,
+        "messages": tuned.messages,
         **report,
         "evaluations": tuned.evaluations,
         "seconds": tuned.seconds,
@@ -260,7 +261,8 @@ def tune(
     def text() -> str:
         unit = unit_of(loaded.tune.objective)
         judged = [
-            f"{name:<28} {j.value:.4g}{unit}  {between(j.low, j.high)}  median {j.median:.4g}{unit}"
+            f"{name:<28} {j.value:.4g}{unit}  {between(j.low, j.high) or '–'}"
+            + (f"  median {j.median:.4g}{unit}" if j.scenarios > 1 else "")
             + ("" if j.msrep_mean is None else f"  msrep {j.msrep_mean:.4g} %")
             + (
                 f"  settled {j.settled_mean:.2g} %"
@@ -269,22 +271,30 @@ def tune(
             )
             + ("" if j.convergence_time is None else f"  converged in {j.convergence_time:.3f} s")
             for name, j in (
-                (f"before, {tuned.before.scenarios} held out:", tuned.before),
-                (f"tuned, {tuned.train.scenarios} training:", tuned.train),
-                (f"tuned, {tuned.held_out.scenarios} held out:", tuned.held_out),
+                (f"before, {_many(tuned.before)}held out:", tuned.before),
+                (f"tuned, {_many(tuned.train)}training:", tuned.train),
+                (f"tuned, {_many(tuned.held_out)}held out:", tuned.held_out),
             )
         ]
         cost = f"{tuned.evaluations} evaluations in {tuned.seconds:.1f} s"
-        return "\n".join([*lines, *judged, cost, f"wrote {folder / 'best.toml'} and {picture}"])
+        notes = [f"note: {printable(note)}" for note in finding.notes]
+        found = [] if finding.table is None else [table(finding.table.headers, finding.table.rows)]
+        wrote = f"wrote {folder / 'best.toml'}, {folder / 'results.parquet'} and {picture}"
+        return "\n".join([*notes, *lines, *judged, *found, *finding.sentences, cost, wrote])
 
     def following() -> Words:
         if method == "pareto":
             return words("report", folder)
         if loaded.population.paths:
             return words("montecarlo", folder / "best.toml", "-o", run_folder("montecarlo", folder))
-        return deploy(folder / "best.toml")
+        return use(loaded, folder / "best.toml")
 
-    emit(result, as_json=as_json, quiet=quiet, text=text, following=following)
+    emit(joined(result, finding.facts), as_json=as_json, quiet=quiet, text=text, following=following)
+
+
+def _many(judgement: Judgement) -> str:
+    """Return how many scenarios were judged, where it is more than the one that a recording is."""
+    return f"{judgement.scenarios} " if judgement.scenarios > 1 else ""
 
 
 def _refined(tuned: Tuned, paths: tuple[str, ...], objective: str) -> tuple[dict[str, Any], list[str]]:

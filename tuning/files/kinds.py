@@ -59,7 +59,7 @@ SIGNAL_MAP = FileKind(
 LOG_STUDY = FileKind(
     "study of a log",
     "a study of a log",
-    "tune it with vsajax tune {file} -o RUN, then use RUN/best.toml",
+    "it goes with vsajax tune, sweep, compare -s or contest, e.g. vsajax tune {file} -o RUN",
     lambda tables: "recording" in tables,
 )
 ARM_STUDY = FileKind(

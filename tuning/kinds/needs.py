@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from tuning.files.errors import input_error
 from tuning.kinds.damping.study import DampingStudy
@@ -18,12 +17,9 @@ from tuning.study.base import Config, Study, Timed
 from tuning.study.kinds import kind_of
 from tuning.study.limits import Need, Needs, in_count, product
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
-from tuning.study.parts.rig import BandLimitedNoise, Clock
+from tuning.study.parts.rig import BandLimitedNoise
 from tuning.study.ranges import Reach
 from tuning.study.structures import grid_structures
-
-if TYPE_CHECKING:
-    from tuning.kinds.log.study import LogStudy
 
 _SAMPLE_BYTES, _SAMPLE_SECONDS = 600, 3e-5
 """Of one recording that is simulated, written and drawn."""
@@ -52,9 +48,12 @@ _TRIAL_BYTES, _TRIAL_SECONDS = 4000, 1e-6
 _WORKER_BYTES = 400 * 2**20
 
 
-def samples_of(clock: Clock) -> float:
-    """Return the number of samples of a recording; it may be beyond all that integers of 64 bits hold."""
-    return clock.duration / clock.sample_time + 1.0
+def samples_of(study: Study) -> float:
+    """Return the number of samples of a recording; it may be beyond all that integers of 64 bits hold.
+
+    A log's is not known before it is read: one.
+    """
+    return study.clock.duration / study.clock.sample_time + 1.0 if isinstance(study, Timed) else 1.0
 
 
 def features_of(estimator: Estimator) -> int:
@@ -87,7 +86,7 @@ def of_fit(estimator: Estimator, place: str, *, samples: float = 0.0) -> Need:
 
 def of_recording(study: Timed, place: str) -> Need:
     """Return what one recording of a study needs."""
-    samples, steps = samples_of(study.clock), _integration_steps(study)
+    samples, steps = samples_of(study), _integration_steps(study)
     substeps = f" × {in_count(study.substeps)} integration steps" if (study.substeps or 1) > 1 else ""  # pyright: ignore[reportAttributeAccessIssue]
     return Need(
         f"{place}: clock",
@@ -109,9 +108,7 @@ def needs_of(study: Study) -> Needs | None:
 
 def of_base(study: Study, place: str) -> list[Need]:
     """Return what every command that scores a study needs: one recording, and a compiled estimator."""
-    if not isinstance(study, Timed):
-        return []
-    found = [of_recording(study, place)]
+    found = [of_recording(study, place)] if isinstance(study, Timed) else []
     return [*found, of_fit(study.estimator, place)] if isinstance(study, Config) else found
 
 
@@ -146,9 +143,8 @@ def of_scores(
             memory=asked.memory + lanes * memory + table,
             seconds=asked.seconds + product(count) * seconds / (usable_cores() * machines),
         )
-    assert isinstance(study, Timed)
-    samples, size = samples_of(study.clock), 0
-    if isinstance(study, EstimationStudy):
+    samples, size = samples_of(study), 0
+    if isinstance(study, Config):
         size = features_of(study.estimator)
     has_motion = _has_many_motions(study)
     lane = (_LANE_BYTES + has_motion * _MOTION_BYTES) * samples + _SQUARE_BYTES * product(size, size)
@@ -178,8 +174,7 @@ def of_sweep(study: Study, place: str, *, machines: float = 1.0) -> Need:
     )
     amount = f"{in_count(points)} points × {in_count(scenarios)} scenarios = {in_count(rows)} rows of results"
     asked = Need(place, amount, "give the axes fewer points, or fewer scenarios")
-    samples = samples_of(study.clock) if isinstance(study, Timed) else 1.0
-    chunk = max(inner, min(rows, _CHUNK_STEPS / samples))
+    chunk = max(inner, min(rows, _CHUNK_STEPS / samples_of(study)))
     return of_scores(study, rows, asked, rows=rows, columns=len(sizes), together=chunk, machines=machines)
 
 
@@ -259,17 +254,14 @@ def of_study(study: Study, place: str) -> list[Need]:
     return found
 
 
-def of_log_search(study: LogStudy, place: str, *, samples: float = 0.0) -> Need:
-    """Return what a search on a log of so many samples needs."""
-    tune = study.tune
-    steps = product(tune.starts, tune.max_steps, len(tune.parameters) + 2)
-    amount = f"{in_count(tune.screen)} points screened and {in_count(tune.starts)} starts"
-    return Need(
-        f"{place}: tune",
-        f"{amount} of {in_count(tune.max_steps)} steps, × {in_count(samples)} samples",
-        "ask for fewer of these",
-        memory=64.0 * product(tune.screen + tune.starts, len(tune.parameters) + 4),
-        seconds=(product(tune.screen) + steps) * (samples + 1.0) * _STEP_SECONDS,
+def of_log(estimator: Estimator, samples: float, place: str) -> Need:
+    """Return what an estimator needs over a log that was read, with lanes side by side."""
+    return replace(
+        of_fit(estimator, place, samples=samples),
+        place=place,
+        amount=f"{in_count(samples)} samples",
+        fix="cut the log, or have its map resample it",
+        memory=(_SAMPLE_BYTES + _LANE_BYTES * _LANES * usable_cores()) * samples,
     )
 
 
@@ -313,13 +305,15 @@ def round_up(count: float) -> float:
     return math.ceil(count - 1e-9) if math.isfinite(count) else count
 
 
-def _integration_steps(study: Timed) -> float:
+def _integration_steps(study: Study) -> float:
     # Where the lab chooses them, one or two are enough for all joints that ship.
     return float(getattr(study, "substeps", None) or 2)
 
 
-def _has_many_motions(study: Timed) -> bool:
+def _has_many_motions(study: Study) -> bool:
     """Return whether every recording has a motion of its own."""
+    if not isinstance(study, Timed):
+        return False
     paths = [*study.population.paths, *study.sweep.grid]
     own = any(Reach.MOTION in study.reach(path) for path in paths)
     return own or isinstance(study, DampingStudy) or study.clock.jitter_std is not None

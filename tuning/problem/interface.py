@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Stream = Literal["train", "held_out", "population", "sensitivity"]
 Values = Mapping[str, Float[Array, "..."]]
+LANES = 256
+"""`Problem.lanes` where outcomes are computed sample by sample; more are too many for the cache."""
 
 
 class Scenario(NamedTuple):
@@ -79,6 +81,9 @@ class Problem(Protocol):
     def study(self) -> Study:
         """The study."""
         ...
+
+    lanes: ClassVar[int]
+    """Outcomes computed at a time on a device; more fall out of the cache, or of memory."""
 
     @property
     def samples(self) -> int:

@@ -14,6 +14,7 @@ from tuning.report import tables
 from tuning.report.gather import Contestant, FinishedRun
 from tuning.report.pictures import scores as pictures
 from tuning.report.pictures.populations import draw_numbers
+from tuning.report.pictures.searches import draw_each
 from tuning.study.base import Study
 from tuning.study.kinds import kind_of
 from tuning.study.scores import SCORES, title_of, unit_of
@@ -48,7 +49,10 @@ def say_value(run: FinishedRun, one: Contestant) -> str:
     if not values.size:
         return f"no finite {run.objective}"
     found = tables.estimated(values, statistic, seed=run.study.seed)
-    value = f"{statistic.label} {SCORES[run.objective].label} {number(found.value)}{unit_of(run.objective)}"
+    value = f"{SCORES[run.objective].label} {number(found.value)}{unit_of(run.objective)}"
+    if values.size == 1:
+        return value
+    value = f"{statistic.label} {value}"
     return value if np.isnan(found.low) else f"{value} [{number(found.low)}, {number(found.high)}]"
 
 
@@ -56,6 +60,8 @@ def say_difference(run: FinishedRun, first: Contestant, second: Contestant) -> s
     """Return how much better or worse the second is, scenario by scenario."""
     a, b = tables.both_finite(first.scores[run.objective], second.scores[run.objective])
     found = tables.paired(a, b, run.study.tune.statistic, seed=run.study.seed)
+    if a.size == 1:
+        return f"difference {signed(found.value)}{unit_of(run.objective)}"
     wins = f"{100 * float(np.mean(b < a)):.0f}" if a.size else "–"
     ends = "" if np.isnan(found.low) else f" [{signed(found.low)}, {signed(found.high)}]"
     difference = f"{signed(found.value)}{unit_of(run.objective)}{ends}"
@@ -91,6 +97,14 @@ def show_over_time(
 def show_distributions(contestants: list[Contestant], metric: str) -> Picture:
     """Show how a metric is distributed for each contestant."""
     groups = {one.name: one.scores[metric] for one in contestants}
+    if all(values.size == 1 for values in groups.values()):
+        told = ", ".join(f"{name} {number(float(values[0]))}" for name, values in groups.items())
+        return Picture(
+            "Scores side by side",
+            draw_each(groups, metric),
+            "Further left is better.",
+            f"{title_of(metric)}: {told}.",
+        )
     return Picture(
         "Scores over each other",
         pictures.draw_shares(groups, metric),

@@ -20,10 +20,10 @@ from tuning.scoring.grid import Grid
 from tuning.scoring.montecarlo import MonteCarlo
 from tuning.scoring.summary import Columns, Influence, Interval, Summary, summarise
 from tuning.scoring.sweep import GridSweep, Value, rank
-from tuning.study.base import Study, study_hash
+from tuning.study.base import Study, resolved, study_hash
 from tuning.study.inputs import check_inputs
 from tuning.study.kinds import Ref, all_kinds
-from tuning.study.loading import load_config, load_study, parse_study, with_numbers
+from tuning.study.loading import load_config, parse_study, with_numbers
 from tuning.study.paths import numeric_paths
 from tuning.study.scores import SCORES
 
@@ -260,7 +260,10 @@ def load_best(run: FinishedRun) -> Study:
             it differs from the study in more than them.
     """
     path = run.folder / "best.toml"
-    best = load_study(path)
+    held = load_config(path)
+    # What is deployed of some studies is the estimator alone.
+    is_whole = isinstance(held, Study)
+    best = held if is_whole else parse_study(resolved(run.study) | resolved(held), str(path))
     tuned = [name for name in run.study.tune.parameters if name in best.provenance.get("tuned", [])]
     values = numeric_paths(best)
     is_it = np.ones(run.columns["objective"].size, bool)

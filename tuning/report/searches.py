@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tuning.pictures.page import Picture, number, valued
+from tuning.problem.finding import Finding, find
 from tuning.report import tables
 from tuning.report.effort import show_effort
 from tuning.report.elements import (
@@ -106,14 +107,16 @@ def describe_tuning(run: FinishedRun) -> Parts:
     """Return what there is to say of a search."""
     before, after = run.contestants
     statistic, seed = run.study.tune.statistic, run.study.seed
+    count = run.study.scenarios.held_out
+    where = "what was held out" if count == 1 else f"{count} held-out scenarios"
     headline = (
-        f"Tuning takes {say_value(run, before)} to {say_value(run, after)} on {run.study.scenarios.held_out} "
-        f"held-out scenarios: {say_difference(run, before, after)}."
+        f"Tuning takes {say_value(run, before)} to {say_value(run, after)} on {where}: "
+        f"{say_difference(run, before, after)}."
     )
     tried = _tried(run)
     found = [
         tables.tabulate_scores(run.contestants, seed, statistic),
-        tables.tabulate_differences(before, after, statistic, seed),
+        *([] if count == 1 else [tables.tabulate_differences(before, after, statistic, seed)]),
         replace(
             tables.tabulate_changes(what_is_tuned(before), what_is_tuned(after), ("before", "tuned")),
             title="What tuning changed",
@@ -122,7 +125,10 @@ def describe_tuning(run: FinishedRun) -> Parts:
     if tried:
         label = f"training {title_of(run.objective)}"
         found.insert(0, tables.tabulate_ranking(tried, _numbers_of(run, tried), "objective", label))
-    return Parts(headline, _tune_pictures(run), found, [])
+    finding = Finding() if after.study is None else find(run.study, after.study)
+    if finding.table is not None:
+        found.insert(0, finding.table)
+    return Parts(headline, _tune_pictures(run), found, [*finding.notes, *finding.sentences])
 
 
 def what_is_tuned(contestant: Contestant) -> dict[str, Any]:

@@ -71,7 +71,9 @@ def tabulate_influences(summary: Summary, objective: str) -> Table:
 
 
 def tabulate_scores(contestants: Sequence[Contestant], seed: int, statistic: Statistic) -> Table:
-    """Return quantiles of every metric side by side."""
+    """Return quantiles of every metric side by side; of one scenario, its scores."""
+    if all(values.size == 1 for one in contestants for values in one.scores.values()):
+        return _tabulate_each(contestants)
     rows = []
     for metric in SCORES:
         shown = [c.scores[metric][~np.isnan(c.scores[metric])] for c in contestants if metric in c.scores]
@@ -91,6 +93,17 @@ def tabulate_scores(contestants: Sequence[Contestant], seed: int, statistic: Sta
     lost = sum(int(np.isnan(next(iter(c.scores.values()))).sum()) for c in contestants)
     note = f"Scenarios: {sizes}; without scores and left out: {lost}. The last columns are quantiles over them."
     return Table("Scores", headers, rows, note)
+
+
+def _tabulate_each(contestants: Sequence[Contestant]) -> Table:
+    """Return the scores of the one scenario that there is."""
+    rows: list[list[object]] = []
+    for metric in SCORES:
+        found = [float(one.scores[metric][0]) for one in contestants if metric in one.scores]
+        if len(found) == len(contestants) and not np.isnan(found).any():
+            rows.append([title_of(metric), *found])
+    note = "Of one scenario: there is nothing to take an interval of."
+    return Table("Scores", ["score", *(one.name for one in contestants)], rows, note)
 
 
 def estimated(values: np.ndarray, statistic: Statistic, *, seed: int) -> Interval:
@@ -177,7 +190,8 @@ def both_finite(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.n
 
 def tabulate_differences(first: Contestant, second: Contestant, statistic: Statistic, seed: int) -> Table:
     """Return paired differences of scores, second minus first, on the same scenarios."""
-    rows, used = [], dict.fromkeys([statistic, *STATISTICS])
+    is_single = all(values.size == 1 for values in first.scores.values())
+    rows, used = [], dict.fromkeys([statistic] if is_single else [statistic, *STATISTICS])
     for metric in SCORES:
         if metric not in first.scores or metric not in second.scores:
             continue
@@ -185,7 +199,8 @@ def tabulate_differences(first: Contestant, second: Contestant, statistic: Stati
         cells: list[object] = [title_of(metric)]
         for one in used:
             found = paired(a, b, one, seed=seed)
-            cells.append(f"{signed(found.value)} [{signed(found.low)}, {signed(found.high)}]")
+            ends = "" if np.isnan(found.low) else f" [{signed(found.low)}, {signed(found.high)}]"
+            cells.append(f"{signed(found.value)}{ends}")
         wins = f"{100 * np.mean(b > a if SCORES[metric].better == 'high' else b < a):.0f}" if a.size else "–"
         rows.append([*cells, wins, a.size])
     headers = ["score", *(one.label for one in used), f"{second.name} better [% of scenarios]", "scenarios"]

@@ -39,9 +39,18 @@ def spec_of(manifest: Mapping[str, Any]) -> str:
     flags would round differently in the last digit.
     """
     from tuning.runs.folder import run_id
+    from tuning.study.base import FOLDER
+    from tuning.study.inputs import absolute_inputs
 
-    spec = {key: manifest[key] for key in ("command", "study", "plan")}
-    own = {"run": run_id(manifest), "files": manifest.get("files", {})}
+    files = manifest.get("files", {})
+    spec = {key: manifest[key] for key in ("command", "plan")}
+    # A worker may run in another folder.
+    folder = Path(manifest["study"].get("provenance", {}).get(FOLDER, ""))
+    spec |= {
+        name: absolute_inputs(held, files, folder)
+        for name, held in (("study", manifest["study"]), ("files", files))
+    }
+    own = {"run": run_id(manifest)}
     return json.dumps(spec | own | {"xla_flags": os.environ.get("XLA_FLAGS", "")})
 
 

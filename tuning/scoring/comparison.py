@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tuning.files.errors import InputError, Mistake
-from tuning.problem.interface import problem_of
+from tuning.problem.interface import Problem, problem_of
 from tuning.runs.folder import open_run
 from tuning.scoring.grid import Grid
 from tuning.scoring.intervals import Judgement, equal_to_rounding, judge, paired_interval
@@ -44,9 +44,14 @@ class Contender:
 
     @property
     def verdict(self) -> str:
-        """What the difference says: "equal" (to rounding), "tie" (its interval holds 0), "better" or "worse"."""
+        """What the difference says: "equal" (to rounding), "tie" (its interval holds 0), "better" or "worse".
+
+        Of one scenario it says nothing more than itself: "no interval".
+        """
         if self.ties == 1.0:
             return "equal"
+        if self.judgement.scenarios == 1:
+            return "no interval"
         if not (self.low > 0.0 or self.high < 0.0):
             return "tie"
         return "worse" if self.low > 0.0 else "better"
@@ -85,19 +90,21 @@ def compare(
     """
     names, first = list(studies), next(iter(studies.values()))
     plan = {name: study_hash(study) for name, study in studies.items()}
+    # What cannot be computed is told ahead of what is written.
+    problems = {name: problem_of(study) for name, study in studies.items()}
     store = open_run(folder, "compare", first, plan, [f"{i:03d}" for i in range(len(names))], resume=resume)
     scores: list[dict[str, np.ndarray]] = []
     with progress("compare", len(names), quiet=quiet) as advance:
-        for chunk, (name, study) in zip(store.chunks, studies.items(), strict=True):
-            scores.append(store.computed(chunk, partial(_score, name, study)))
+        for chunk, name in zip(store.chunks, names, strict=True):
+            scores.append(store.computed(chunk, partial(_score, name, problems[name])))
             advance()
     store.finish()
     return _pair(names, scores, first)
 
 
-def _score(name: str, study: Study) -> dict[str, np.ndarray]:
-    count = study.scenarios.held_out
-    scores = Grid(problem_of(study), {}, count, "held_out").evaluate(np.empty((1, 0)))
+def _score(name: str, problem: Problem) -> dict[str, np.ndarray]:
+    count = problem.study.scenarios.held_out
+    scores = Grid(problem, {}, count, "held_out").evaluate(np.empty((1, 0)))
     single = {key: value[0, 0] for key, value in scores.items()}
     return {"configuration": np.array([name] * count), "scenario": np.arange(count), **single}
 

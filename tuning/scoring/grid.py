@@ -21,9 +21,6 @@ from tuning.problem.interface import Problem, Scenario, Stream
 from tuning.study.ranges import Reach
 from vsajax import rollout
 
-_WIDTH = 256
-"""Lanes times inner points evaluated at a time on a device; wider falls out of the cache."""
-
 
 def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...], *, width: int) -> Any:
     """Return the jitted (lanes, given) -> scores `(lane, *inner axes, scenario)`.
@@ -45,7 +42,7 @@ def lane_program(problem: Problem, outer: tuple[str, ...], inner: tuple[str, ...
             run = jax.vmap(run, in_axes=(chosen_axes, None))
         return run(inner_values, scenarios)
 
-    return jax.jit(partial(rollout.map_lanes, point, chunk=max(1, _WIDTH // width)))
+    return jax.jit(partial(rollout.map_lanes, point, chunk=max(1, problem.lanes // width)))
 
 
 @dataclass(frozen=True)
@@ -115,13 +112,14 @@ class Grid:
     def _cut(self) -> tuple[int, int]:
         """Into how many lanes a point's longest inner axis, and its scenarios, are cut.
 
-        A lane that is wider than `_WIDTH` falls out of the cache. The axis is cut first: scenarios are what the
-        compiled loops run over. Scenarios are cut as well where there are fewer lanes than cores.
+        A lane wider than the problem's `lanes` falls out of the cache. The axis is cut first: scenarios are what
+        the compiled loops run over. Scenarios are cut as well where there are fewer lanes than cores.
         """
         axis = len(self.axes[self.inner[self._longest]]) if self.inner else 1
-        across = next(d for d in _divisors(axis) if self.inner_size // d <= _WIDTH or d == axis)
+        most = self.problem.lanes
+        across = next(d for d in _divisors(axis) if self.inner_size // d <= most or d == axis)
         width, lanes = self.inner_size // across, len(self.outer_points) * across
-        along = (d for d in _divisors(self.scenarios) if width // d <= _WIDTH)
+        along = (d for d in _divisors(self.scenarios) if width // d <= most)
         cores = len(jax.local_devices())
         return across, next((d for d in along if lanes * d >= cores), self.scenarios)
 

@@ -23,6 +23,7 @@ from tuning.study.base import Study, descended, study_hash, to_toml
 from tuning.study.choices import Setting, options_of
 from tuning.study.loading import with_numbers
 from tuning.study.paths import contested_number, numeric_paths, structural_paths
+from tuning.study.scores import SCORES
 from tuning.study.structures import grid_structures
 
 Value = float | Setting
@@ -256,6 +257,7 @@ def say_edges(axes: Mapping[str, Sequence[Any]], best: Mapping[str, Any]) -> lis
 def rank(table: pa.Table, axes: Sequence[str], score: str) -> list[dict[str, Any]]:
     """Return the configurations, best mean score first, with the mean, median and 90 % quantile over scenarios.
 
+    Scores that are shown beside it follow by their names, their means.
     A configuration with scenarios whose score is not finite, counted under "diverged", has none and goes last.
     """
     values = table[score].to_numpy()
@@ -265,6 +267,8 @@ def rank(table: pa.Table, axes: Sequence[str], score: str) -> list[dict[str, Any
     scenarios = int(table["scenario"].to_numpy().max()) + 1
     per_configuration = values[order].reshape(-1, scenarios)
     firsts = order[::scenarios]
+    shown = [name for name, one in SCORES.items() if one.is_beside and name in table.column_names]
+    beside = {name: table[name].to_numpy()[order].reshape(-1, scenarios) for name in shown}
     rows = [
         {
             "configuration": int(numbers[first]),
@@ -273,7 +277,8 @@ def rank(table: pa.Table, axes: Sequence[str], score: str) -> list[dict[str, Any
             "median": float(np.median(scores)),
             "q90": float(np.quantile(scores, 0.9)),
             "diverged": int(np.sum(np.isnan(scores))),
+            **{name: float(np.mean(each)) for name, each in zip(beside, others, strict=True)},
         }
-        for first, scores in zip(firsts, per_configuration, strict=True)
+        for first, scores, *others in zip(firsts, per_configuration, *beside.values(), strict=True)
     ]
     return sorted(rows, key=lambda row: (math.isnan(row["mean"]), row["mean"]))

@@ -20,12 +20,14 @@ import optuna
 from optuna.samplers import BaseSampler, CmaEsSampler, TPESampler
 
 from tuning.files.errors import InputError, input_error
+from tuning.problem.finding import find
 from tuning.runs.folder import open_run
 from tuning.runs.journal import Journal, open_journal
 from tuning.search.refine import Search, Tuned, nothing_to_tune, write_best
 from tuning.study.base import Study, Timed
 from tuning.study.choices import Chosen
 from tuning.study.kinds import lacking
+from tuning.study.loading import with_numbers
 from tuning.study.scores import time_of
 from tuning.study.structures import structures
 from tuning.terminal.progress import progress
@@ -117,6 +119,11 @@ class BlackBox:
         found = structures(self.study, "study")
         return {tuple(chosen.values()): Search(study, self.method) for chosen, study in found}
 
+    def build(self) -> None:
+        """Make the problem of every structure: what cannot be computed is told ahead of what is written."""
+        for search in self.searches.values():
+            _ = search.problem
+
     def search_of(self, chosen: Chosen) -> Search:
         """Return the search of a combination of options."""
         return self.searches[tuple(chosen.values())]
@@ -205,7 +212,9 @@ def plan_blackbox(study: Study, method: BlackBoxMethod, batch: int, place: str) 
     if method == "pareto" and time_of(tune.objective) is None:
         why = "nothing moves, and --method pareto holds accuracy against it"
         raise InputError(lacking(place, study, f"convergence time ({why})", "use --method cmaes or tpe"))
-    return BlackBox(study, method, batch)
+    box = BlackBox(study, method, batch)
+    box.build()
+    return box
 
 
 def explore(
@@ -303,6 +312,8 @@ def _conclude(box: BlackBox, trials: list[Trial], folder: Path) -> Explored:
         Search(study, box.method).judge({}, "held_out", study.scenarios.held_out),
         len(trials),
         trials[-1].seconds,
+        objective=best.objective,
+        finding=find(study, with_numbers(search.study, best.values, "tuned study")),
     )
     explored = Explored(tuned, best, trials, front if box.method == "pareto" else [best])
     source = {

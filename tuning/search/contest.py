@@ -77,6 +77,7 @@ def contest(
     if len(found) < 2:
         fix = 'add some, e.g. [tune.choices.basis.lean] "estimator.basis.deflection_terms" = 2'
         raise input_error(f"{place}: tune.choices", "leave fewer than two contestants", fix)
+    BlackBox(study, method, batch).build()
     plan = {"method": method, "batch": batch, "trials": trials}
     store = open_run(folder, "contest", study, plan, [], resume=resume)
     entrants = [_tune(chosen, own, store.folder, method, trials, batch, resume, quiet) for chosen, own in found]

@@ -17,6 +17,7 @@ import numpy as np
 
 from tuning.files.errors import InputError, input_error
 from tuning.files.whole import write_text
+from tuning.problem.finding import Finding, find, joined
 from tuning.problem.interface import Differentiable, Problem, Scenario, Stream, problem_of
 from tuning.runs.folder import open_run, versions
 from tuning.scoring.grid import Grid, lane_program
@@ -29,7 +30,6 @@ from tuning.study.kinds import lacking
 from tuning.study.loading import with_numbers
 from tuning.study.paths import contested_number, numeric_paths
 from tuning.terminal.progress import progress
-from vsajax import Scores
 
 _SHOWN = 10
 """Screened points that are told of."""
@@ -50,6 +50,8 @@ class Tuned:
         seconds: that they took, compilation included.
         screened: the best of the points that were scored on the training scenarios ahead of any start, best first:
             the statistic of the objective, and the numbers by path.
+        objective: statistic of the best numbers on the training scenarios, as the search found it.
+        finding: what the study's kind says of them.
     """
 
     values: dict[str, float]
@@ -60,6 +62,13 @@ class Tuned:
     evaluations: int = 0
     seconds: float = 0.0
     screened: list[tuple[float, dict[str, float]]] = field(default_factory=list)
+    objective: float = math.nan
+    finding: Finding = field(default_factory=Finding)
+
+    @property
+    def messages(self) -> list[str]:
+        """How the starts ended."""
+        return [outcome.message for outcome in self.outcomes]
 
 
 @dataclass(frozen=True)
@@ -115,7 +124,7 @@ class Search:
         """The compiled program that scores points on the training scenarios."""
         return lane_program(self.problem, self.paths, (), width=self.study.scenarios.train)
 
-    def score(self, points: np.ndarray) -> Scores:
+    def score(self, points: np.ndarray) -> Any:
         """Return `(point, scenario)` training scores at `(point, parameter)` numbers."""
         scenarios = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(points), *x.shape)), self.scenarios)
         return self.program((jnp.asarray(points), (), scenarios), self.problem.given)
@@ -179,7 +188,7 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
             )
     store.finish()
     tried = [(float(screened["objective"][order[0]]), candidates[0]), *((o.objective, o.values) for o in outcomes)]
-    best = min(tried, key=lambda one: one[0] if math.isfinite(one[0]) else math.inf)[1]
+    reached, best = min(tried, key=lambda one: one[0] if math.isfinite(one[0]) else math.inf)
     tuned = Tuned(
         best,
         outcomes,
@@ -189,6 +198,8 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
         len(points) + sum(outcome.steps for outcome in outcomes),
         seconds,
         [(float(screened["objective"][i]), candidates[n]) for n, i in enumerate(order[:_SHOWN])],
+        reached,
+        find(study, with_numbers(study, best, "tuned study")),
     )
     source = {"method": search.method, "algorithm": search.algorithm}
     write_best(study, study, tuned, source, folder / "best.toml")
@@ -199,7 +210,8 @@ def plan_search(study: Study, method: Method, algorithm: Algorithm, place: str) 
     """Return the search that a study's `[tune]` table asks for.
 
     Raises:
-        InputError: there is no parameter to tune, or there are choices, which these methods cannot make.
+        InputError: there is no parameter to tune, or there are choices, which these methods cannot make; or what
+            the study names cannot be read.
     """
     if study.tune.choices:
         raise input_error(
@@ -209,10 +221,12 @@ def plan_search(study: Study, method: Method, algorithm: Algorithm, place: str) 
         )
     if not study.tune.parameters:
         raise nothing_to_tune(study, place)
+    # What cannot be computed is refused before anything is written.
     search = Search(study, method, algorithm)
+    problem = search.problem
     if method != "grid":
         obstacle = study.no_gradient(place, method)
-        if obstacle is None and not isinstance(search.problem, Differentiable):
+        if obstacle is None and not isinstance(problem, Differentiable):
             obstacle = lacking(place, study, "gradient (none is computed)", "use --method grid, tpe or cmaes")
         if obstacle is not None:
             raise InputError(obstacle)
@@ -227,7 +241,7 @@ def nothing_to_tune(study: Study, place: str) -> InputError:
 
 
 def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any], path: Path) -> None:
-    """Write the tuned study with its provenance.
+    """Write what is deployed of the tuned study, with its provenance.
 
     Args:
         study: what was tuned.
@@ -245,13 +259,23 @@ def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any
         "seed": study.seed,
         "versions": versions(),
         "tuned": sorted(tuned.values),
-        "train": tuned.train.summary(),
-        "held_out": tuned.held_out.summary(),
-        "before_on_held_out": tuned.before.summary(),
+        "train": _stated(tuned.train),
+        "held_out": _stated(tuned.held_out),
+        "before_on_held_out": _stated(tuned.before),
     }
+    provenance = joined(provenance, tuned.finding.provenance)
     # TOML has no number for an infinite convergence time that every reader takes; JSON's way out is a string.
     told = json.loads(json.dumps(provenance), parse_constant=str)
-    write_text(path, to_toml(descended(with_numbers(best, tuned.values, "tuned study"), told)))
+    write_text(path, to_toml(descended(with_numbers(best, tuned.values, "tuned study").deployed(), told)))
+
+
+def _stated(judgement: Judgement) -> dict[str, Any]:
+    """Return a judgement without the interval that one scenario does not give."""
+    return {
+        name: value
+        for name, value in judgement.summary().items()
+        if name not in {"low", "high"} or math.isfinite(value)
+    }
 
 
 def _screen(search: Search) -> dict[str, np.ndarray]:

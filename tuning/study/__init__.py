@@ -2,9 +2,10 @@
 
 from typing import Any
 
-_MOVED = dict.fromkeys(
-    ("Config", "Study", "resolved", "study_hash", "to_toml"), "tuning.study.base"
-) | dict.fromkeys(("load_config", "load_study", "parse_study", "with_numbers"), "tuning.study.loading")
+_MOVED: dict[str, str] = {
+    **dict.fromkeys(("Config", "Study", "resolved", "study_hash", "to_toml"), "tuning.study.base"),
+    **dict.fromkeys(("load_config", "load_study", "parse_study", "with_numbers"), "tuning.study.loading"),
+}
 """What was in a module of this name; it is found here for one release."""
 
 

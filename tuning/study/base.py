@@ -103,9 +103,9 @@ class Config(Base):
 
 
 class Scenarios(Table):
-    """How many noise draws there are to tune on, and how many others to judge by.
+    """How many scenarios there are to tune on, and how many others to judge by.
 
-    They are drawn from different streams of the seed: no draw is in both.
+    They are drawn from different streams of the seed: none is in both.
     """
 
     train: AtLeastOne = 32
@@ -113,7 +113,7 @@ class Scenarios(Table):
 
 
 class Sweep(Table):
-    """The grid of `vsajax sweep`; `scenarios` noise draws are run at each of its points."""
+    """The grid of `vsajax sweep`; so many `scenarios` are run at each of its points."""
 
     scenarios: AtLeastOne = 16
     grid: dict[str, Axis] = Field(default_factory=dict)
@@ -157,6 +157,10 @@ class Study(Base):
         tune = data.get("tune", {})
         return data | {"tune": {"objective": cls.objectives[0]} | tune} if isinstance(tune, dict) else data
 
+    def deployed(self) -> Base:
+        """Return what is of use on a robot: what `best.toml` holds of a study that was tuned."""
+        return self
+
     def no_gradient(self, place: str, method: str) -> Mistake | None:
         """Return why the objective has no gradient, which `method` needs; `None` where it has one."""
         del place, method
@@ -166,6 +170,10 @@ class Study(Base):
         """Return what the number at a path changes at most."""
         del path
         return EVERYTHING
+
+    def no_scenarios(self) -> str:
+        """Return why no scenarios are drawn; nothing where they are."""
+        return ""
 
     def robots(self, asked: int | None) -> int:
         """Return how many scenarios a Monte Carlo run has.
@@ -200,11 +208,17 @@ def every_table(study: Study) -> dict[str, Any]:
     return study.model_dump(exclude_none=True)
 
 
-def _still_default(config: Table) -> set[str]:
-    if not isinstance(config, Base):
-        return set()
-    fields = type(config).model_fields
-    return {name for name in config.later if getattr(config, name) == fields[name].get_default()}
+def _still_default(config: Table) -> dict[str, Any]:
+    """Return the keys that came later and say nothing, as pydantic leaves them out."""
+    found: dict[str, Any] = {}
+    later: frozenset[str] = getattr(config, "later", frozenset())
+    for name, field in type(config).model_fields.items():
+        value = getattr(config, name)
+        if name in later and value == field.get_default(call_default_factory=True, validated_data={}):
+            found[name] = True
+        elif isinstance(value, Table) and (inner := _still_default(value)):
+            found[name] = inner
+    return found
 
 
 def descended(study: Base, provenance: Mapping[str, Any]) -> dict[str, Any]:

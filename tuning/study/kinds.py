@@ -40,6 +40,8 @@ class Kind:
         picture: called with `(time,)` columns by name and a title, it returns the figure of one scenario.
         traces: what a report shows over time, called as `kinds.estimation.traces.show_estimates` is; `None` where
             there is nothing.
+        finding: called with a study and the best that a search has found, it returns a `problem.finding.Finding`:
+            what there is to say of it beyond scores; `None` where there is nothing.
         told: called with a study and the columns of its Monte Carlo run, it returns the `scoring.told.Told` that
             is said of it; `None` where quantiles over all robots are.
         page: called with the run folder of a command of its own, it returns the report; `None` where it has none.
@@ -55,6 +57,7 @@ class Kind:
     problem: Ref | None = None
     picture: Ref | None = None
     traces: Ref | None = None
+    finding: Ref | None = None
     told: Ref | None = None
     page: Ref | None = None
     needs: Ref | None = None
@@ -83,6 +86,9 @@ _ALL = (
         "log",
         LOG_STUDY,
         Ref("tuning.kinds.log.study:LogStudy"),
+        problem=Ref("tuning.kinds.log.problem:LogProblem"),
+        traces=Ref("tuning.kinds.log.traces:show_agreement"),
+        finding=Ref("tuning.kinds.log.agreement:find_agreement"),
         holds=lambda tables: "recording" in tables,
     ),
     _estimation("serial", "SerialStudy"),

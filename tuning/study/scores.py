@@ -14,6 +14,8 @@ Objective = Literal[
     "stiffness_error",
     "compliance_error",
     "stiffness_change",
+    "agreement",
+    "no_load",
 ]
 """Scores that a search can minimise: those of `SCORES` with `is_objective`."""
 
@@ -29,6 +31,7 @@ class Score(NamedTuple):
         is_objective: whether a search can minimise it.
         is_shown: whether the summary of a population prints its quantiles.
         is_time: whether it says when a scenario has got where its objective wants it.
+        is_beside: whether a ranking by the objective shows it beside it.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Score(NamedTuple):
     is_objective: bool = False
     is_shown: bool = True
     is_time: bool = False
+    is_beside: bool = False
 
     @property
     def title(self) -> str:
@@ -79,7 +83,13 @@ HANDS = (
     Score("stiffness_change", "relative change of the hand's stiffness from its design", is_objective=True),
 )
 """Of the stiffness that an arm has at its hand."""
-_FAMILIES = (ESTIMATES, SWINGS, HANDS)
+LOGS = (
+    Score("agreement", "unexplained torque", "%", is_objective=True),
+    Score("no_load", "torque without load", "%", is_objective=True),
+    Score("rest", "objective on the rest of the log", "%", is_beside=True),
+)
+"""Of an estimator on a part of a robot's own log: how far its torque is from what it should be."""
+_FAMILIES = (ESTIMATES, SWINGS, HANDS, LOGS)
 SCORES: Mapping[str, Score] = MappingProxyType({score.name: score for family in _FAMILIES for score in family})
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.tables import put
 from tuning.files.toml import UNKNOWN_KEY, validate
-from tuning.study.base import Study, Sweep, every_table, resolved
+from tuning.study.base import Study, every_table, resolved
 from tuning.study.choices import (
     Chosen,
     Setting,
@@ -71,7 +71,8 @@ def with_grid(study: Study, grids: Sequence[str], scenarios: int | None) -> Stud
         InputError: an axis cannot be read, leads nowhere, or reaches values that are not allowed.
     """
     axes = dict(parse_axis(text) for text in grids) or study.sweep.grid
-    sweep = Sweep(scenarios=scenarios or study.sweep.scenarios, grid=axes)
+    asked = {"scenarios": scenarios or study.sweep.scenarios, "grid": axes}
+    sweep = validate(type(study.sweep), asked, "--scenarios" if scenarios else "--grid")
     changed = study.model_copy(update={"sweep": sweep})
     check_whole(changed, "--grid")
     return changed
@@ -246,7 +247,8 @@ def _check_values(study: Study, path: str, axis: Axis | Bounds, where: str) -> l
 
 def _check_value(study: Study, path: str, value: float, where: str) -> list[Mistake]:
     """Check one value that a number will take."""
-    tables = resolved(study) | {"sweep": {}, "tune": {}, "population": {}}
+    searches = {"sweep", "tune", "population"} & type(study).model_fields.keys()
+    tables = resolved(study) | {name: {} for name in searches}
     put(tables, path.split("."), float(value))
     try:
         validate(type(study), tables, where)

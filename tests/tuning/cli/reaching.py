@@ -18,7 +18,6 @@ COMPUTES = (
     "tuning.scoring.sweep.GridSweep.forecast",
     "tuning.search.refine.tune",
     "tuning.search.blackbox.explore",
-    "tuning.kinds.log.problem.LogSearch.run",
     "tuning.scoring.montecarlo.run_population",
     "tuning.scoring.montecarlo.compute_population",
     "tuning.scoring.montecarlo.MonteCarlo.forecast",
@@ -45,12 +44,16 @@ def reach(monkeypatch: pytest.MonkeyPatch) -> None:
     def mark(*_args: object, **_options: object) -> None:
         raise Reached
 
+    found = []
     for place in COMPUTES:
         *modules, last = place.split(".")
         owner = modules.pop() if modules[-1][0].isupper() else None
         module = importlib.import_module(".".join(modules))
         holder = getattr(module, owner) if owner else module
         assert hasattr(holder, last), place
+        found.append((holder, last))
+    # Only now: a module that is imported after a mark was set would keep it for good.
+    for holder, last in found:
         monkeypatch.setattr(holder, last, mark)
 
 

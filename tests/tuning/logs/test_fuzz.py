@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from tests.tuning.logs.robot_logs import MAP, STEP, look_at, names, spring_log, with_gap, wrapped, write_spring_log
 from tuning.files.errors import InputError
 from tuning.files.shipped import CONFIGS
-from tuning.kinds.log.study import is_log_study, load_log_study
+from tuning.files.toml import read_toml
 from tuning.logs.formats import read_streams
 from tuning.logs.signal_map import read_signal_map
-from tuning.study.loading import load_config
+from tuning.study.loading import load_config, load_study
 
 FEW, MANY = 60, 7000
 DEGREES = 180.0 / np.pi
@@ -192,7 +192,7 @@ def test_a_mangled_study_or_map_is_read_or_refused_with_its_place(path, data):
 def _load(path: Path, *, is_map: bool) -> object:
     if is_map:
         return read_signal_map(path)
-    return load_log_study(path) if is_log_study(path) else load_config(path)
+    return load_study(path) if "recording" in read_toml(path) else load_config(path)
 
 
 def test_a_mangled_matlab_file_is_read_or_refused_even_where_its_parser_crashes(tmp_path):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from tuning.files.errors import input_error
 from tuning.kinds.arm.bench import USABLE, ArmBench, Joints, build_bench
 from tuning.kinds.arm.study import ArmStudy
-from tuning.problem.interface import Outcome, Scenario, Status, Stream, Values
+from tuning.problem.interface import LANES, Outcome, Scenario, Status, Stream, Values
 from tuning.problem.scenarios import draw_scenarios
 from tuning.runs.folder import read_results, read_table
 from vsajax.compliance import stiffness_errors
@@ -76,6 +76,7 @@ class ArmProblem:
 
     study: ArmStudy
     varied: tuple[str, ...] = ()
+    lanes: ClassVar[int] = LANES
 
     def __post_init__(self) -> None:
         """Read what the study names, so that what is wrong with it is told before anything is written."""

@@ -140,7 +140,7 @@ class ArmStudy(Study):
     @property
     def folder(self) -> Path:
         """Where relative paths of files that it names start."""
-        return Path(self.provenance.get(FOLDER, ""))
+        return Path(str(self.provenance.get(FOLDER, "")))
 
     def inputs(self) -> Iterator[str]:
         """Return the paths of the files that it names, and whose contents determine results."""

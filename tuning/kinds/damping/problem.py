@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from tuning.kinds.damping.study import DampingStudy
 from tuning.problem.build import build, with_leaves
-from tuning.problem.interface import Outcome, Scenario, Status, Stream, Values
+from tuning.problem.interface import LANES, Outcome, Scenario, Status, Stream, Values
 from tuning.problem.replay import replayed, require_finite
 from tuning.problem.scenarios import draw_scenarios
 from vsajax import ControlLoop, SwingMotion
@@ -32,6 +32,7 @@ class DampingProblem:
     study: DampingStudy
     varied: tuple[str, ...] = ()
     if_not_finite: ClassVar[tuple[str, str]] = ("controller", "check its gains, or set `substeps`")
+    lanes: ClassVar[int] = LANES
 
     @cached_property
     def bench(self) -> ControlLoop:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Key
 from tuning.kinds.estimation.study import EstimationStudy
 from tuning.kinds.estimation.substeps import check_substeps, choose_substeps, rate_at_rest, try_substeps
 from tuning.problem.build import build, with_leaves
-from tuning.problem.interface import Outcome, Scenario, Status, Stream, Values
+from tuning.problem.interface import LANES, Outcome, Scenario, Status, Stream, Values
 from tuning.problem.scenarios import draw_scenarios
 from tuning.study.ranges import Reach
 from vsajax import Bench, Recording, Truth
@@ -53,6 +53,7 @@ class EstimationProblem:
     study: EstimationStudy
     varied: tuple[str, ...] = ()
     if_not_finite: ClassVar[tuple[str, str]] = ("joint", "check its springs, inertias and excitation")
+    lanes: ClassVar[int] = LANES
 
     @cached_property
     def bench(self) -> Bench:

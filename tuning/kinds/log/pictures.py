@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -76,25 +76,6 @@ def draw_clock(time: np.ndarray, clock: ClockReport) -> Figure:
     axis.set_xlabel("time [s]")
     axis.set_ylabel("time step [ms]")
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=8)
-    return figure
-
-
-def draw_tried(rows: Mapping[str, np.ndarray], paths: Sequence[str]) -> Figure:
-    """Draw the objective of every point tried over each number."""
-    figure, axes = new_figure(3.4 * len(paths), 3.4, 1, len(paths), squeeze=False, sharey=True)
-    refined = rows["stage"] == "refine"
-    best = int(np.nanargmin(rows["objective"]))
-    for axis, path in zip(axes[0], paths, strict=True):
-        values = rows[path]
-        for chosen, colour, label in ((~refined, QUIET, "screened"), (refined, ESTIMATE, "refined")):
-            axis.plot(values[chosen], rows["objective"][chosen], "o", color=colour, markersize=3.5, label=label)
-        axis.plot(values[best], rows["objective"][best], "*", color=OTHER, markersize=11, label="best")
-        if values.min() > 0 and values.max() > 10 * values.min():
-            axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_xlabel(path.removeprefix("estimator."), fontsize=8)
-    axes[0, 0].set_ylabel("objective, training part [%]")
-    axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=8)
     return figure
 
 

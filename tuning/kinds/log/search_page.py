@@ -1,4 +1,4 @@
-"""The report on tuning on a robot's own log, which leaves a configuration and every point tried."""
+"""The report on tuning on a log from before such runs had a manifest: a configuration, and every point tried."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tuning.files.errors import InputError, input_error
-from tuning.kinds.log.pictures import draw_tried
 from tuning.pictures.page import Page, Picture, Table, number
+from tuning.pictures.tried import draw_tried
 from tuning.runs.folder import read_table
 from tuning.study.base import Base
 from tuning.study.loading import load_config
@@ -69,7 +69,12 @@ def _page(folder: Path, config: Base, rows: Mapping[str, np.ndarray]) -> Page:
         pictures=[
             Picture(
                 "Points tried",
-                draw_tried(rows, paths),
+                draw_tried(
+                    objective,
+                    rows["stage"] == "refine",
+                    {path.removeprefix("estimator."): rows[path] for path in paths},
+                    "objective, training part [%]",
+                ),
                 "The objective over each number; the star is the best.",
                 f"The objective over {', '.join(paths)} at {objective.size} points; least {number(least)} %.",
             )

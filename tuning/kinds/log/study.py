@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from tuning.files.errors import InputError, Mistake, input_error
-from tuning.files.kinds import LOG_STUDY, require_kind
-from tuning.files.tables import put, with_settings
-from tuning.files.toml import Seed, Table, read_toml, validate
-from tuning.study.base import Config, resolved
-from tuning.study.parts.base import AtLeastOne, Positive
+from tuning.files.errors import Mistake
+from tuning.files.toml import Table, validate
+from tuning.logs.signal_map import read_signal_map
+from tuning.study.base import Config, Scenarios, Study, Sweep, Tune, resolved
+from tuning.study.parts.base import Positive
 from tuning.study.parts.estimators import StiffnessEstimator
-from tuning.study.paths import check_path, numeric_paths
-from tuning.study.ranges import Bounds
+from tuning.study.population import Population
+from tuning.study.ranges import Reach
+from tuning.study.scores import Objective
+from tuning.study.statistic import Statistic
 
 
 class LoggedRecording(Table):
@@ -35,7 +36,13 @@ class LoggedRecording(Table):
     train_until: Positive
 
 
-class LogTune(Table):
+class LogSweep(Sweep):
+    """The grid of `vsajax sweep`: a part of a log is one scenario."""
+
+    scenarios: Literal[1] = 1  # pyright: ignore[reportIncompatibleVariableOverride] - the only number there is
+
+
+class LogTune(Tune):
     """What is varied, and to what end.
 
     Args:
@@ -45,72 +52,60 @@ class LogTune(Table):
         screen: points tried before.
         max_steps: of a start.
         parameters: bounds by dotted path.
+        choices: settings by dotted path, by option, by choice.
     """
 
-    objective: Literal["agreement", "no_load"] = "agreement"
-    starts: AtLeastOne = 4
+    later: ClassVar[frozenset[str]] = frozenset({"choices"})
+    statistic: ClassVar[Statistic] = Statistic()  # pyright: ignore[reportIncompatibleVariableOverride] - of one
+    objective: Literal["agreement", "no_load"] = "agreement"  # pyright: ignore[reportIncompatibleVariableOverride]
     screen: Annotated[int, Field(ge=1)] = 64
-    max_steps: AtLeastOne = 60
-    parameters: Annotated[dict[str, Bounds], Field(min_length=1)]
 
 
-class LogStudy(Config):
-    """A configuration with the log that it is tuned on."""
+class LogStudy(Study, Config):
+    """A configuration with the log that it is tuned on.
 
-    recording: LoggedRecording
-    tune: LogTune
-    seed: Seed = 0
-
-
-def is_log_study(path: Path, settings: Sequence[str] = ()) -> bool:
-    """Return whether a file is a study of a log, not of a simulated joint."""
-    return "recording" in with_settings(read_toml(path), settings)
-
-
-def load_log_study(path: Path, settings: Sequence[str] = ()) -> LogStudy:
-    """Return the study of a log in a TOML file, with `a.b=value` settings applied before it is validated.
-
-    Raises:
-        InputError: lists every mistake with its path.
+    The log is two scenarios, one a stream: what was recorded up to `train_until`, and what came after.
     """
-    tables = with_settings(read_toml(path), settings)
-    require_kind(tables, str(path), LOG_STUDY)
-    study = validate(LogStudy, tables, str(path))
-    numbers = numeric_paths(study)
-    mistakes: list[Mistake] = []
-    if not isinstance(study.estimator, StiffnessEstimator):
-        problem = f"got {study.estimator.type!r}, which has no torque signal to tune on a log"
-        mistakes.append(Mistake(f"{path}: estimator.type", problem, 'set it to "two_stage", or leave it out'))
-    for name, bounds in study.tune.parameters.items():
-        where = f"{path}: tune.parameters.{name!r}"
-        mistakes += check_path(name, where, numbers)
-        if name in numbers:
-            mistakes += _check_ends(study, name, bounds, where)
-    if mistakes:
-        raise InputError(*mistakes)
-    return study
 
+    varied: ClassVar[tuple[str, ...]] = ("estimator",)
+    objectives: ClassVar[tuple[Objective, ...]] = ("agreement", "no_load")
+    later: ClassVar[frozenset[str]] = frozenset({"sweep"})
+    # Nothing is drawn. pyright: these are fields of other studies.
+    population: ClassVar[Population] = Population()  # pyright: ignore[reportIncompatibleVariableOverride]
+    scenarios: ClassVar[Scenarios] = Scenarios(train=1, held_out=1)  # pyright: ignore[reportIncompatibleVariableOverride]
+    recording: LoggedRecording
+    sweep: LogSweep = LogSweep()  # pyright: ignore[reportIncompatibleVariableOverride] - never assigned to
+    tune: LogTune = LogTune()  # pyright: ignore[reportIncompatibleVariableOverride]
 
-def _check_ends(study: LogStudy, name: str, bounds: Bounds, where: str) -> list[Mistake]:
-    for value in bounds.ends():
-        try:
-            tuned_config(study, {name: value}, where)
-        except InputError as error:
-            return [Mistake(where, f"reaches {value:g}, which is not allowed there: {error.mistakes[0].problem}")]
-    return []
+    def no_scenarios(self) -> str:
+        """Return why no scenarios are drawn."""
+        return "a recording is one, and nothing is drawn"
 
+    def reach(self, path: str) -> Reach:
+        """Return what the number at a path changes at most: the log stays as it was recorded."""
+        del path
+        return Reach.TORQUE | Reach.REGRESSORS
 
-def tuned_config(study: LogStudy, values: Mapping[str, float], place: str) -> Config:
-    """Return the estimator alone, with numbers replaced: what `vsajax estimate -c` takes."""
-    tables: dict[str, Any] = resolved(study)
-    for name in ("recording", "tune", "seed"):
-        tables.pop(name)
-    for name, value in values.items():
-        put(tables, name.split("."), value)
-    return validate(Config, tables, place)
+    def mistakes(self, place: str) -> Iterator[Mistake]:
+        """Return what is wrong of the estimator: it must have a torque signal, for "no_load" a residual."""
+        if not isinstance(self.estimator, StiffnessEstimator):
+            problem = f"got {self.estimator.type!r}, which has no torque signal to tune on a log"
+            yield Mistake(f"{place}: estimator.type", problem, 'set it to "two_stage", or leave it out')
+        elif self.tune.objective == "no_load" and "motor_torque" not in self.estimator.needs:
+            problem = "got 'no_load', which tunes a residual, but estimator.torque.type is another"
+            yield Mistake(f"{place}: tune.objective", problem, 'choose "agreement"')
 
+    def inputs(self) -> Iterator[str]:
+        """Return the paths of the log, its signal map, and the files that the map joins to it."""
+        yield from super().inputs()
+        recording = self.recording
+        yield recording.file
+        if recording.map is not None:
+            yield recording.map
+            folder = Path(recording.file).parent
+            yield from (str(folder / name) for name in read_signal_map(Path(recording.map)).join)
 
-def require_untouched(folder: Path) -> None:
-    """Refuse a run folder that holds a result already."""
-    if (folder / "best.toml").exists():
-        raise input_error(folder, "holds a finished run", "name another folder with -o")
+    def deployed(self) -> Config:
+        """Return the estimator alone: what `vsajax estimate -c` takes."""
+        own = {"recording", "tune", "sweep", "seed"}
+        return validate(Config, {k: v for k, v in resolved(self).items() if k not in own}, self.name)

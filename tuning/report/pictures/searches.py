@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator
 
 from tuning.pictures.style import ESTIMATE, OTHER, make_log, new_figure, plain
+from tuning.pictures.tried import draw_tried, is_refined
 from tuning.study.scores import title_of, unit_of
 
 NEAR = 1.05
@@ -118,8 +119,28 @@ def _draw_curve(
     return figure
 
 
+def draw_search(
+    each: Mapping[str, np.ndarray], columns: Mapping[str, np.ndarray], paths: Sequence[str], objective: str
+) -> Figure:
+    """Draw what a search has gained over held-out scenarios; where there is one alone, the points that it tried.
+
+    Args:
+        each: held-out objectives by configuration.
+        columns: of its results.
+        paths: the tuned numbers.
+        objective: what was minimised.
+    """
+    if all(values.size > 1 for values in each.values()):
+        return draw_tuning(each, objective)
+    refined = is_refined(columns.get("message", ["screened"] * columns["objective"].size))
+    numbers = {path.removeprefix("estimator."): columns[path] for path in paths}
+    return draw_tried(columns["objective"], refined, numbers, f"training: {title_of(objective)}")
+
+
 def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
     """Draw how an objective is distributed over held-out scenarios, one curve a configuration."""
+    if all(values.size == 1 for values in each.values()):
+        return draw_each(each, objective)
     unit = unit_of(objective)
     figure, axis = new_figure(6.4, 3.8)
     colours = [OTHER, ESTIMATE, "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
@@ -149,4 +170,16 @@ def draw_tuning(each: Mapping[str, np.ndarray], objective: str) -> Figure:
     axis.set_xlabel(title_of(objective))
     axis.set_ylabel("share of held-out\nscenarios below [%]")
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8)
+    return figure
+
+
+def draw_each(each: Mapping[str, np.ndarray], metric: str) -> Figure:
+    """Draw the score of every configuration in the one scenario that there is, a line each."""
+    figure, axis = new_figure(6.4, 1.2 + 0.35 * len(each))
+    values = np.array([value[0] for value in each.values()])
+    axis.plot(values, np.arange(values.size), "o", color=ESTIMATE)
+    axis.set_yticks(np.arange(values.size), [plain(label) for label in each])
+    axis.set_ylim(values.size - 0.5, -0.5)
+    make_log(axis, "x", values)
+    axis.set_xlabel(title_of(metric))
     return figure
