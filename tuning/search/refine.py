@@ -244,7 +244,7 @@ def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any
         "statistic": study.tune.statistic.model_dump(),
         "study_hash": study_hash(study),
         "seed": study.seed,
-        "versions": versions(),
+        "versions": versions(study),
         "tuned": sorted(tuned.values),
         "train": tuned.train.summary(),
         "held_out": tuned.held_out.summary(),

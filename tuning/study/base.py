@@ -8,13 +8,14 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import tomlkit
-from pydantic import Field
+from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
-from tuning.files.errors import Mistake
+from tuning.files.errors import InputError, Mistake
 from tuning.files.shipped import choose
 from tuning.files.tables import merge
 from tuning.files.text import Line
 from tuning.files.toml import SchemaVersion, Seed, Table, read_toml, validate
+from tuning.study.foreign import PLUGINS, absent, foreign_in, require_recorded
 from tuning.study.parts.base import AtLeastOne
 from tuning.study.parts.estimators import Estimator
 from tuning.study.parts.rig import Clock, Scorer
@@ -40,6 +41,17 @@ class Base(Table):
     name: Line = "unnamed"
     provenance: dict[str, Any] = Field(default_factory=dict)
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _made_with(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Refuse a file that was made with another version of a plug-in than is here."""
+        recorded = data.get(PLUGINS) if isinstance(data, dict) else None
+        if recorded is None:
+            return handler(data)
+        study = handler({key: value for key, value in data.items() if key != PLUGINS})
+        require_recorded(recorded, foreign_in(study))
+        return study
+
     @classmethod
     def parsed(cls, tables: Mapping[str, Any], place: str) -> Self:
         """Return it from its tables, with the file of a preset in its place; a table's own keys override it.
@@ -56,7 +68,11 @@ class Base(Table):
                 own = {key: value for key, value in table.items() if key != "preset"}
                 preset = read_toml(choose(folder, table["preset"], f"{place}: {name}.preset"))
                 data[name] = merge(preset, own)
-        return validate(cls, data, place)
+        try:
+            return validate(cls, data, place)
+        except InputError as error:
+            # Where it names what is not here, the package to install is told first.
+            raise InputError(*absent(data.get(PLUGINS), f"{place}: {PLUGINS}"), *error.mistakes) from None
 
     def mistakes(self, place: str) -> Iterator[Mistake]:
         """Return what is wrong though every table is right by itself; searches apart, see `structures`."""
@@ -134,8 +150,12 @@ class Study(Base):
 
 
 def resolved(config: Table) -> dict[str, Any]:
-    """Return every table of a configuration, defaults written out, absent features left out."""
-    return config.model_dump(exclude_none=True)
+    """Return every table of a configuration, defaults written out, absent features left out.
+
+    One that uses something foreign has a table `plugins` of names and versions.
+    """
+    foreign = foreign_in(config)
+    return config.model_dump(exclude_none=True) | ({PLUGINS: foreign} if foreign else {})
 
 
 def study_hash(config: Table) -> str:

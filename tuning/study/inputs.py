@@ -6,15 +6,13 @@ They are no part of the study's hash, which is that of its text; a run keeps the
 from __future__ import annotations
 
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.seal import hash_bytes
-from tuning.files.toml import Table
 from tuning.study.base import Study
-from tuning.study.parts.base import Part
+from tuning.study.parts.base import parts_in
 from tuning.study.structures import structures
 
 _READ = 1 << 20
@@ -27,7 +25,10 @@ def hash_inputs(study: Study) -> dict[str, str]:
         InputError: a file is missing or cannot be read.
     """
     found = [each for _, each in structures(study, "study")] if study.tune.choices else [study]
-    paths = dict.fromkeys(path for each in found for path in _named(each))
+    parts = [part for each in found for part in parts_in(each)]
+    paths = dict.fromkeys(
+        path for part in parts for name in part.files if (path := getattr(part, name)) is not None
+    )
     return {path: _hash_file(Path(path)) for path in sorted(paths)}
 
 
@@ -47,14 +48,6 @@ def check_inputs(held: Mapping[str, str], folder: object) -> None:
             mistakes += error.mistakes
     if mistakes:
         raise InputError(*mistakes)
-
-
-def _named(value: Any) -> Iterator[str]:
-    if isinstance(value, Part):
-        yield from (path for name in value.files if (path := getattr(value, name)) is not None)
-    if isinstance(value, Table):
-        for name in type(value).model_fields:
-            yield from _named(getattr(value, name))
 
 
 def _hash_file(path: Path) -> str:

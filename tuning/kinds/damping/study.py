@@ -10,7 +10,16 @@ from pydantic import model_validator
 from tuning.files.errors import Mistake
 from tuning.study.base import Study
 from tuning.study.parts.base import AtLeastOne, Positive
-from tuning.study.parts.swings import Controller, FeedbackSensor, Impact, SwingObserver, SwingScorer, SwitchedPlant
+from tuning.study.parts.swings import (
+    Combined,
+    Controller,
+    FeedbackSensor,
+    Impact,
+    Plant,
+    StiffnessSwitch,
+    SwingObserver,
+    SwingScorer,
+)
 from tuning.study.scores import Objective
 
 
@@ -23,7 +32,7 @@ class DampingStudy(Study):
     )
     contested: ClassVar[tuple[str, ...]] = ("controller", "observer")
     objectives: ClassVar[tuple[Objective, ...]] = ("log_energy", "settling_time")
-    plant: SwitchedPlant
+    plant: Plant
     impact: Impact
     controller: Controller
     sensor: FeedbackSensor | None = None
@@ -51,8 +60,10 @@ class DampingStudy(Study):
             problem = f"got {self.tune.objective!r}, a staircase, for --method {method}"
             return Mistake(f"{place}: tune.objective", problem, f'set it to "log_energy", or {fix}')
         own = self.controller
-        path, chosen = ("controller.stiffness", own.stiffness) if own.type == "combined" else ("controller", own)
-        if chosen.type == "switch":
+        path, chosen = ("controller", own)
+        if isinstance(own, Combined):
+            path, chosen = ("controller.stiffness", own.stiffness)
+        if isinstance(chosen, StiffnessSwitch):
             problem = f"got 'switch', whose score jumps, for --method {method}"
             return Mistake(f"{place}: {path}.type", problem, f'set it to "smooth", or {fix}')
         return None

@@ -271,7 +271,7 @@ def write_tuned_log(study: LogStudy, tuned: TunedLog, folder: Path) -> None:
         "recording": study.recording.model_dump(exclude_none=True),
         "study_hash": study_hash(study),
         "seed": study.seed,
-        "versions": versions(),
+        "versions": versions(study),
         "tuned": sorted(tuned.values),
         "train": asdict(tuned.train),
         "held_out": asdict(tuned.held_out),

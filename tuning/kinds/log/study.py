@@ -79,7 +79,7 @@ def load_log_study(path: Path, settings: Sequence[str] = ()) -> LogStudy:
     numbers = numeric_paths(study)
     mistakes: list[Mistake] = []
     if not isinstance(study.estimator, StiffnessEstimator):
-        problem = f"got {study.estimator.type!r}, which has no torque signal to tune on a log"
+        problem = f"got {study.estimator.tag!r}, which has no torque signal to tune on a log"
         mistakes.append(Mistake(f"{path}: estimator.type", problem, 'set it to "two_stage", or leave it out'))
     for name, bounds in study.tune.parameters.items():
         where = f"{path}: tune.parameters.{name!r}"
