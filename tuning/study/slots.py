@@ -58,10 +58,10 @@ class Slot[Own: Part](Registry[type[Own]]):
         other._own, other.otherwise = {tag: self._own[tag]}, tag
         return other
 
-    def also(self, *own: type[Own]) -> Self:
-        """Return this slot with more of vsajax' own parts; what is added to one of the two is in both."""
+    def of(self, *own: type[Own]) -> Self:
+        """Return this slot with other parts of vsajax' own; what is added to one of the two is in both."""
         other = copy.copy(self)
-        other._own = {**self._own, **{_tag_of(part): part for part in own}}
+        other._own = {_tag_of(part): part for part in own}
         return other
 
     @property

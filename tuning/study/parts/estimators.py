@@ -357,5 +357,5 @@ class AntagonisticPair(EstimatorTable):
         return max(side.size for side in (self.side, self.other) if side is not None)
 
 
-ESTIMATORS = SIDES.also(AntagonisticPair)
+ESTIMATORS = SIDES.of(StiffnessEstimator, AlgebraicObserver, AntagonisticPair)
 Estimator = Annotated[EstimatorTable, ESTIMATORS]

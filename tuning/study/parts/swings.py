@@ -205,12 +205,16 @@ class MotorPID(Part):
     reach: Positive = 1.5
 
 
+STIFFNESSES = Slot("controllers", Part, StiffnessSwitch, SmoothStiffness)
+"""Controllers of the stiffness alone, beside which another moves the motor."""
+
+
 class Combined(Part):
     """A controlled stiffness and a PID on the motor at once."""
 
     target = Ref("vsajax.control:Combined")
     type: Literal["combined"]
-    stiffness: Annotated[StiffnessSwitch | SmoothStiffness, Field(discriminator="type")]
+    stiffness: Annotated[Part, STIFFNESSES]
     motor: MotorPID
 
 
@@ -226,15 +230,8 @@ class BangBangPosition(Part):
     most_stops: Positive = 6.0
 
 
-CONTROLLERS = Slot(
-    "controllers",
-    Part,
-    ConstantStiffness,
-    StiffnessSwitch,
-    SmoothStiffness,
-    PIDPosition,
-    BangBangPosition,
-    Combined,
+CONTROLLERS = STIFFNESSES.of(
+    ConstantStiffness, StiffnessSwitch, SmoothStiffness, PIDPosition, BangBangPosition, Combined
 )
 Controller = Annotated[Part, CONTROLLERS]
 
