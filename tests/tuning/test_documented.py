@@ -14,6 +14,7 @@ import pytest
 
 from tests.tuning.cli.reaching import Reached, reach, write_log
 from tests.tuning.documented import ROOT, Command, commands, documents
+from tests.tuning.plugin import install_example
 from tuning.cli.main import cli
 from tuning.files.kinds import LOG_STUDY, kind_of
 from tuning.files.toml import read_toml
@@ -61,7 +62,8 @@ def _map_of(kind: str) -> str:
 
 def furnish(document: Path, folder: Path) -> None:
     """Put into a folder what a document's reader has: the repository's test data, and files of their own."""
-    (folder / "tests").symlink_to(ROOT / "tests")
+    for name in ("tests", "examples"):
+        (folder / name).symlink_to(ROOT / name)
     for name, kind in USERS.get(document.name, {}).items():
         path = folder / name
         path.parent.mkdir(exist_ok=True)
@@ -97,8 +99,10 @@ def pretend(words: tuple[str, ...]) -> None:
 
 @pytest.mark.contract
 @pytest.mark.parametrize("document", documents(), ids=lambda path: path.name)
-def test_every_documented_command_is_taken(document, vsajax, tmp_path, monkeypatch):
+def test_every_documented_command_is_taken(document, vsajax, site, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    if document.name == "plugins.md":
+        install_example(site)
     furnish(document, tmp_path)
     reach(monkeypatch)
     for command in commands(document.read_text(encoding="utf-8")):
@@ -133,8 +137,10 @@ def test_every_documented_command_is_taken(document, vsajax, tmp_path, monkeypat
 @pytest.mark.slow
 @pytest.mark.cli
 @pytest.mark.parametrize("document", documents(), ids=lambda path: path.name)
-def test_every_documented_command_runs(document, vsajax, tmp_path, monkeypatch):
+def test_every_documented_command_runs(document, vsajax, site, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    if document.name == "plugins.md":
+        install_example(site)
     furnish(document, tmp_path)
     ran = [c for c in commands(document.read_text(encoding="utf-8")) if c.words[0] == "vsajax" and _is_run(c)]
     for command in ran:

@@ -16,7 +16,7 @@ FLOORS = (
     ("terminal", "logs", "pictures"),
     ("study",),
     ("problem", "runs"),
-    ("scoring", "exports"),
+    ("scoring", "exports", "testing"),
     ("search",),
     ("kinds",),
     ("papers", "bench", "report"),

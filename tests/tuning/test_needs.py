@@ -13,7 +13,7 @@ from tests.tuning.builders import ANTAGONISTIC, EXAMPLES, PRIOR, SEA, SERIAL, TU
 from tuning.files.errors import InputError
 from tuning.files.shipped import CONFIGS
 from tuning.kinds import needs
-from tuning.kinds.needs import features_of, of_study, of_sweep
+from tuning.kinds.needs import of_study, of_sweep
 from tuning.problem.build import build_estimator
 from tuning.study.base import Config
 from tuning.study.limits import Need, in_bytes, in_count, in_time, limits, product, require
@@ -134,7 +134,7 @@ def test_coefficients_are_counted_as_the_built_estimator_has_them(path):
         return
     built = build_estimator(config)
     bases = [part.basis for part in (getattr(built, "side", built), getattr(built, "other", None)) if part]
-    assert features_of(config.estimator) == max(basis.size for basis in bases)
+    assert config.estimator.size == max(basis.size for basis in bases)
 
 
 @pytest.mark.parametrize(

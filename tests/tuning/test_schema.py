@@ -124,7 +124,8 @@ def test_all_mistakes_of_a_file_come_together(tmp_path):
         "joint.link.inertia",
         "joint.spring.type",
     ]
-    assert str(caught.value).count("\n    fix: ") == 1
+    assert str(caught.value).count("\n    fix: ") == 2
+    assert "fix: did you mean 'cubic'? `vsajax parts springs` lists them all" in str(caught.value)
 
 
 @pytest.mark.failure

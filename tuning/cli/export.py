@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from tuning.cli.plugins import OpenChoice
 from tuning.terminal.following import Words, words
 from tuning.terminal.options import JSON, QUIET, SETTINGS, emit, refuse_given
 
 if TYPE_CHECKING:
     from tuning.exports.recheck import Exported
+    from tuning.study.registry import Registry
 
 _TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]
 
 
+def _formats() -> Registry[Any]:
+    from tuning.exports.formats.registry import FORMATS
+
+    return FORMATS
+
+
 @click.command(epilog="Example: vsajax export runs/t/best.toml --to c99 -o deploy --check")
 @click.argument("config", type=click.Path(path_type=Path))
-@click.option("--to", "target", type=click.Choice(_TARGETS), help="Format.")
+@click.option("--to", "target", type=OpenChoice(_TARGETS, _formats), help="Format.")
 @click.option("-o", "--output", "folder", type=click.Path(path_type=Path), help="Folder.")
 @click.option("--check", "thorough", is_flag=True, help="Run every check; alone, those of an exported folder.")
 @click.option(

@@ -17,6 +17,8 @@ from tuning.cli.doctor import doctor
 from tuning.cli.export import export
 from tuning.cli.init import check, init
 from tuning.cli.montecarlo import montecarlo
+from tuning.cli.parts import parts
+from tuning.cli.plugins import with_plugins
 from tuning.cli.report import report
 from tuning.cli.reproduce import reproduce
 from tuning.cli.schema import schema
@@ -39,21 +41,11 @@ def cli() -> None:
 
 for command in (
     init,
-    check,
+    with_plugins(check),
+    parts,
     schema,
-    simulate,
-    estimate,
-    sweep,
-    montecarlo,
-    tune,
-    compare,
-    contest,
-    stiffness,
-    workspace,
-    poses,
-    report,
-    reproduce,
-    export,
+    *map(with_plugins, (simulate, estimate, sweep, montecarlo, tune, compare, contest)),
+    *map(with_plugins, (stiffness, workspace, poses, report, reproduce, export)),
     bench,
     doctor,
 ):

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from tuning.cli.plugins import OpenChoice
 from tuning.terminal.following import start
 from tuning.terminal.options import JSON, QUIET, emit, table
 
+if TYPE_CHECKING:
+    from tuning.study.registry import Registry
+
 _EXAMPLES = {"cartesian": "arm", "duel": "serial", "all": "serial"}
 """The example study of a paper, where it has another name."""
+_PAPERS = ["serial", "antagonistic", "damping", "cartesian", "duel"]
+
+
+def _papers() -> Registry[Any]:
+    from tuning.papers import PAPERS
+
+    return PAPERS
 
 
 @click.command(epilog="Example: vsajax reproduce serial -o runs/serial")
-@click.argument("paper", type=click.Choice(["serial", "antagonistic", "damping", "cartesian", "duel", "all"]))
+@click.argument("paper", type=OpenChoice([*_PAPERS, "all"], _papers))
 @click.option("-o", "--output", "folder", type=click.Path(path_type=Path), help="Folder for figures and rows.")
 @JSON
 @QUIET
@@ -59,7 +71,7 @@ def reproduce(paper: str, folder: Path | None, as_json: bool, quiet: bool) -> No
         "findings": [finding for report in reports for finding in report.findings],
         "figures": [str(path) for report in reports for path in report.figures],
     }
-    kind = _EXAMPLES.get(paper, paper)
+    kind = _EXAMPLES.get(paper, paper if paper in _PAPERS else "serial")
     emit(result, as_json=as_json, quiet=quiet, text=text, following=lambda: start(kind, kind))
     if not ok:
         raise click.exceptions.Exit(1)

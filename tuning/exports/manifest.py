@@ -27,7 +27,7 @@ def manifest_of(subject: Subject, target: str, source: Path, artefact: Artefact)
         "source": source.name,
         "kind": config.kind,
         "study_hash": subject.identity,
-        "versions": versions(),
+        "versions": versions(config),
         "sample_time_s": deployable.sample_time,
         "needs_regular_clock": deployable.needs_regular_clock,
         "units": "SI: rad, s, N·m, N·m/rad",

@@ -3,43 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, get_args
-
-from annotated_types import Ge, Gt, Le, Lt
+from dataclasses import dataclass, replace
+from typing import Any
 
 from tuning.exports.layout import Path
+from tuning.study.extents import Range, range_in
 from tuning.study.parts.base import Part
 from tuning.study.parts.estimators import AlgebraicObserver
-
-LARGEST, SMALLEST = 1e15, 1e-30
-"""Largest magnitude of an exported parameter in SI units, and the smallest of one that must be positive."""
-
-
-@dataclass(frozen=True)
-class Range:
-    """Limits of a number; `None` where there is none, open where the limit itself is not allowed."""
-
-    low: float | None = None
-    high: float | None = None
-    is_low_open: bool = False
-    is_high_open: bool = False
-
-    @property
-    def text(self) -> str:
-        """For people, e.g. "0 < x ≤ 1"; infinity is in no range."""
-        left = "" if self.low is None else f"{self.low:.12g} {'<' if self.is_low_open else '≤'} "
-        right = "" if self.high is None else f" {'<' if self.is_high_open else '≤'} {self.high:.12g}"
-        return f"{left}x{right}" if left or right else "finite"
-
-    @property
-    def practical(self) -> Range:
-        """The same within magnitudes of which powers do not overflow: what a running program takes."""
-        low, is_low_open = (-LARGEST, False) if self.low is None else (self.low, self.is_low_open)
-        if low == 0.0 and is_low_open:
-            low, is_low_open = SMALLEST, False
-        high, is_high_open = (LARGEST, False) if self.high is None else (self.high, self.is_high_open)
-        return Range(low, high, is_low_open, is_high_open)
 
 
 @dataclass(frozen=True)
@@ -88,18 +58,8 @@ def range_of(parts: Mapping[tuple[str, ...], Part], path: Path) -> Range:
     *parents, last = keys[len(root) :]
     for key in parents:
         part = getattr(part, key)
-    limits: dict[str, Any] = {}
-    field = type(part).model_fields[last]
-    # The limits of `Positive | None` are those of its first option.
-    options = [one for option in get_args(field.annotation) for one in getattr(option, "__metadata__", ())]
-    for constraint in [*field.metadata, *options]:
-        for inner in getattr(constraint, "metadata", [constraint]):
-            if isinstance(inner, Gt | Ge):
-                value = inner.gt if isinstance(inner, Gt) else inner.ge
-                limits |= {"low": value, "is_low_open": isinstance(inner, Gt)}
-            if isinstance(inner, Lt | Le):
-                value = inner.lt if isinstance(inner, Lt) else inner.le
-                limits |= {"high": value, "is_high_open": isinstance(inner, Lt)}
+    found = range_in(type(part).model_fields[last])
     if isinstance(part, AlgebraicObserver) and last == "window":
-        limits |= {"low": 4 * part.sample_time, "is_low_open": False, "high": part.longest_window or part.window}
-    return Range(**limits)
+        longest = part.longest_window or part.window
+        return replace(found, low=4 * part.sample_time, is_low_open=False, high=longest)
+    return found

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Protocol, get_origin, runtime_checkable
 
 import pydantic
+from pydantic_core import PydanticCustomError
 
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.shipped import located
@@ -26,10 +28,22 @@ NO_SWITCH = pydantic.BeforeValidator(_no_switch)
 """What is one of some whole numbers is not `true`, though that equals 1."""
 SchemaVersion = Annotated[Literal[1], NO_SWITCH]
 """Of every file."""
+REFUSED = "refused"
+"""The type of an error that knows its way out; its context is what `refusal` takes."""
 UNKNOWN_KEY = "unknown key"
 """What is said of a key that a table does not have."""
 _LOGS = {".csv", ".tsv", ".txt", ".dat", ".asc", ".parquet", ".mat", ".h5", ".hdf5", ".bag", ".mcap", ".db3"}
 """What recordings are called; `logs.formats` reads them."""
+
+
+@runtime_checkable
+class NamesTables(Protocol):
+    """Metadata of an annotation in place of a closed union."""
+
+    @property
+    def tables(self) -> Mapping[str, type[pydantic.BaseModel]]:
+        """The tables that may stand there, by the value of their key `type`."""
+        ...
 
 
 class Table(pydantic.BaseModel):
@@ -92,6 +106,11 @@ def validate[Model: pydantic.BaseModel](model: type[Model], data: dict[str, Any]
         raise InputError(*(_as_mistake(item, model, place) for item in error.errors())) from None
 
 
+def refusal(key: str, problem: str, fix: str) -> PydanticCustomError:
+    """Return the error of a table that is refused by one of its keys, for a validator to raise."""
+    return PydanticCustomError(REFUSED, "{problem}", {"key": key, "problem": problem, "fix": fix})
+
+
 def _as_mistake(item: Any, model: type[pydantic.BaseModel], place: str) -> Mistake:
     keys = [str(key) for key in item["loc"]]
     path = ".".join(_without_tags(keys, model))
@@ -106,6 +125,9 @@ def _as_mistake(item: Any, model: type[pydantic.BaseModel], place: str) -> Mista
         return Mistake(where, "is missing", "add it; the examples that ship with vsajax have every key")
     if item["type"] in {"model_type", "dict_type", "model_attributes_type"}:
         return Mistake(where, f"got {got!r}; needs a table", f"write [{path}] and its keys below it")
+    if item["type"] == REFUSED:
+        told = item["ctx"]
+        return Mistake(f"{where}{'.' if path else ': '}{told['key']}", told["problem"], told["fix"])
     if item["type"] == "union_tag_invalid":
         tag, allowed = item["ctx"]["tag"], item["ctx"]["expected_tags"]
         return Mistake(f"{where}.type", f"got {tag!r}; allowed: {allowed}")
@@ -125,8 +147,8 @@ def _fields_at(keys: list[str], model: type[pydantic.BaseModel]) -> tuple[list[s
             models = tagged
             continue
         clean.append(key)
-        annotations = [m.model_fields[key].annotation for m in models if key in m.model_fields]
-        models = [n for annotation in annotations for n in _models_in(annotation)] or models
+        fields = [m.model_fields[key] for m in models if key in m.model_fields]
+        models = [n for field in fields for n in _models_of(field.annotation, field.metadata)] or models
     return clean, sorted({name for m in models for name in m.model_fields})
 
 
@@ -138,9 +160,17 @@ def _sibling_keys(keys: list[str], model: type[pydantic.BaseModel]) -> list[str]
     return _fields_at(keys, model)[1]
 
 
+def _models_of(annotation: Any, metadata: Sequence[Any]) -> list[type[pydantic.BaseModel]]:
+    """Return the tables that an annotation allows: those that its metadata name, where they name some."""
+    named = [table for one in metadata if isinstance(one, NamesTables) for table in one.tables.values()]
+    return named or _models_in(annotation)
+
+
 def _models_in(annotation: Any) -> list[type[pydantic.BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
         return [annotation]
+    if get_origin(annotation) is Annotated:
+        return _models_of(annotation.__origin__, annotation.__metadata__)
     inner = getattr(annotation, "__args__", ()) or getattr(annotation, "__value__", ())
     inner = inner if isinstance(inner, tuple) else (inner,)
     return [m for part in inner for m in _models_in(part)]

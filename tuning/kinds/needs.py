@@ -16,7 +16,7 @@ from tuning.runs.machine import usable_cores
 from tuning.study.base import Config, Study, Timed
 from tuning.study.kinds import kind_of
 from tuning.study.limits import Need, Needs, in_count, product
-from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair, Estimator
+from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair, EstimatorTable
 from tuning.study.parts.rig import BandLimitedNoise
 from tuning.study.ranges import Reach
 from tuning.study.structures import grid_structures
@@ -56,16 +56,9 @@ def samples_of(study: Study) -> float:
     return study.clock.duration / study.clock.sample_time + 1.0 if isinstance(study, Timed) else 1.0
 
 
-def features_of(estimator: Estimator) -> int:
-    """Return the number of coefficients of the larger fit of an estimator."""
-    if isinstance(estimator, AntagonisticPair):
-        return max(features_of(side) for side in (estimator.side, estimator.other) if side is not None)
-    return estimator.basis.size
-
-
-def of_fit(estimator: Estimator, place: str, *, samples: float = 0.0) -> Need:
+def of_fit(estimator: EstimatorTable, place: str, *, samples: float = 0.0) -> Need:
     """Return what an estimator needs over one recording."""
-    size = features_of(estimator)
+    size = estimator.size
     taps = 0.0
     sides = (estimator.side, estimator.other) if isinstance(estimator, AntagonisticPair) else (estimator,)
     for side in sides:
@@ -145,7 +138,7 @@ def of_scores(
         )
     samples, size = samples_of(study), 0
     if isinstance(study, Config):
-        size = features_of(study.estimator)
+        size = study.estimator.size
     has_motion = _has_many_motions(study)
     lane = (_LANE_BYTES + has_motion * _MOTION_BYTES) * samples + _SQUARE_BYTES * product(size, size)
     step = _STEP_SECONDS + _SQUARE_SECONDS * product(size, size)
@@ -254,7 +247,7 @@ def of_study(study: Study, place: str) -> list[Need]:
     return found
 
 
-def of_log(estimator: Estimator, samples: float, place: str) -> Need:
+def of_log(estimator: EstimatorTable, samples: float, place: str) -> Need:
     """Return what an estimator needs over a log that was read, with lanes side by side."""
     return replace(
         of_fit(estimator, place, samples=samples),

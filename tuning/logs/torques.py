@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -44,21 +43,19 @@ _FEWEST_COUNTS = 40
 _WRONG_WAY = -0.02
 """Loss factor below which a loop is said to turn the wrong way."""
 
-TorqueSource = Literal["sensor", "model", "residual", "algebraic"]
-
 
 @dataclass(frozen=True)
 class Assumptions:
     """What an estimator takes for granted of a log.
 
     Args:
-        torque: where its torque comes from.
+        torque: where its torque comes from: "sensor", "model", "residual", "algebraic", or a foreign tag.
         is_matched: whether its features lag as its torque does.
         has_friction: whether it knows the motor's dry friction.
         has_offset: whether its fit has a constant.
     """
 
-    torque: TorqueSource = "sensor"
+    torque: str = "sensor"
     is_matched: bool = True
     has_friction: bool = True
     has_offset: bool = True

@@ -15,12 +15,10 @@ from tuning.study.parts.base import Part
 
 
 def build(part: Any) -> Any:
-    """Return the vsajax module that a table describes; anything but a table is returned as it is."""
+    """Return the module that a table describes; anything but a table is returned as it is."""
     if not isinstance(part, Part):
         return part
-    module, name = part.target.split(".")
-    make = getattr(getattr(vsajax, module), name)
-    return make(**{key: build(value) for key, value in part.arguments().items()})
+    return part.target.load()(**{key: build(value) for key, value in part.arguments().items()})
 
 
 def build_estimator(config: Config) -> vsajax.estimators.AbstractEstimator:

@@ -24,7 +24,17 @@ from typing import Any, Literal, Protocol
 from tuning.files.errors import InputError, input_error
 from tuning.runs.folder import RunStore, columns_of, is_file, read_sealed
 from tuning.runs.scheduler import CONNECT_WITHIN, Patience, require_scheduler, unreachable
-from tuning.runs.workers import Columns, planner_of, result_file, run_chunk, run_of, run_share, spec_of
+from tuning.runs.workers import (
+    Columns,
+    planner_of,
+    require_plugins,
+    result_file,
+    run_chunk,
+    run_of,
+    run_share,
+    spec_of,
+    uses_plugins,
+)
 from tuning.terminal.progress import progress
 
 Results = Generator[tuple[str, Columns], None, None]
@@ -104,6 +114,9 @@ class DaskExecutor:
         import distributed
 
         with self._client(len(chunks)) as client:
+            if uses_plugins(spec):
+                # All of them are asked ahead of the first chunk; one that joins later asks itself.
+                client.run(require_plugins, spec)
             futures = client.map(run_chunk, [spec] * len(chunks), chunks, pure=False)
             chunk_of = {future.key: chunk for future, chunk in zip(futures, chunks, strict=True)}
             # Held by nothing else, a result is forgotten by its worker once it is here.

@@ -40,7 +40,8 @@ from tuning.files.seal import (
 from tuning.files.whole import write_tables, write_text
 from tuning.runs.lock import NAME as LOCK
 from tuning.runs.lock import FolderLock, lock_folder
-from tuning.study.base import Study, hash_resolved, resolved, study_hash
+from tuning.study.base import Base, Study, hash_resolved, resolved, study_hash
+from tuning.study.foreign import foreign_in
 from tuning.study.inputs import check_inputs, hash_inputs
 
 _LEGACY = {
@@ -220,7 +221,7 @@ def open_run(
             "seed": study.seed,
             "study": resolved(study),
             "chunks": chunks,
-            "versions": versions(),
+            "versions": versions(study),
             "files": files,
         }
         manifest = seal_tables(json.loads(json.dumps(manifest)))
@@ -395,10 +396,12 @@ def _first_line(error: BaseException) -> str:
     return str(error).strip().partition("\n")[0][:200] or type(error).__name__
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of all that results depend on."""
+def versions(config: Base | None = None) -> dict[str, str]:
+    """Return the versions of all that results depend on: those of a configuration, on its plug-ins too."""
     packages = ("vsajax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
-    return {"python": platform.python_version()} | {name: metadata.version(name) for name in packages}
+    own = {"python": platform.python_version()} | {name: metadata.version(name) for name in packages}
+    foreign = {} if config is None else foreign_in(config)
+    return own | {record["name"]: record["version"] for record in foreign.values()}
 
 
 def read_table(path: Path) -> pa.Table:

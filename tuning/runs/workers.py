@@ -6,16 +6,20 @@ A process that computes its first chunk compiles; for those that follow it keeps
 from __future__ import annotations
 
 import functools
-import importlib
 import json
 import os
+import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from tuning.files.errors import InputError
 from tuning.runs import machine
+from tuning.study.foreign import PLUGINS
+from tuning.study.plugins import consented, consenting, differing
+from tuning.study.refs import Ref
 
 Columns = dict[str, np.ndarray]
 
@@ -46,11 +50,11 @@ def spec_of(manifest: Mapping[str, Any]) -> str:
     spec = {key: manifest[key] for key in ("command", "plan")}
     # A worker may run in another folder.
     folder = Path(manifest["study"].get("provenance", {}).get(FOLDER, ""))
-    spec |= {
-        name: absolute_inputs(held, files, folder)
-        for name, held in (("study", manifest["study"]), ("files", files))
-    }
-    own = {"run": run_id(manifest)}
+    named = {"study": manifest["study"], "files": files}
+    spec |= {name: absolute_inputs(held, files, folder) for name, held in named.items()}
+    own: dict[str, Any] = {"run": run_id(manifest)}
+    if PLUGINS in manifest["study"]:
+        own["consented"] = consented()
     return json.dumps(spec | own | {"xla_flags": os.environ.get("XLA_FLAGS", "")})
 
 
@@ -59,24 +63,46 @@ def planner_of(spec: str) -> Planner:
     """Return what `spec` says is computed; this process keeps it, and with it what it compiles.
 
     Raises:
-        InputError: a file that the study names holds something else here than where the run was begun.
+        InputError: a file that the study names holds something else here than where the run was begun, or a
+            plug-in that it uses is missing here, or of another version.
     """
     from tuning.study.inputs import check_inputs
     from tuning.study.loading import parse_study
 
     given = json.loads(spec)
-    study = parse_study(given["study"], "manifest.json: study")
-    check_inputs(given["files"], study, "the run folder")
-    module, _, name = _PLANNERS[given["command"]].partition(":")
-    planner = getattr(importlib.import_module(module), name)
-    return planner.from_plan(study, given["plan"])
+    require_plugins(spec)
+    with consenting(*given.get("consented", ())):
+        study = parse_study(given["study"], "manifest.json: study")
+        check_inputs(given["files"], study, "the run folder")
+        planner = Ref(_PLANNERS[given["command"]]).load()
+        return planner.from_plan(study, given["plan"])
+
+
+def uses_plugins(spec: str) -> bool:
+    """Return whether what `spec` says needs anything that is not vsajax' own."""
+    return PLUGINS in json.loads(spec)["study"]
+
+
+def require_plugins(spec: str) -> None:
+    """Refuse to compute in this process what needs plug-ins that it does not have.
+
+    Raises:
+        InputError: names every one that is missing or of another version, and this machine.
+    """
+    given = json.loads(spec)
+    with consenting(*given.get("consented", ())):
+        mistakes = differing(given["study"].get(PLUGINS, {}), f"worker on {platform.node()}")
+    if mistakes:
+        raise InputError(*mistakes)
 
 
 def run_chunk(spec: str, chunk: str) -> Columns:
     """Return the columns of a chunk, in a process that may never have imported jax."""
-    os.environ["XLA_FLAGS"] = json.loads(spec)["xla_flags"]
+    given = json.loads(spec)
+    os.environ["XLA_FLAGS"] = given["xla_flags"]
     machine.start_jax()
-    return planner_of(spec).run_chunk(chunk)
+    with consenting(*given.get("consented", ())):
+        return planner_of(spec).run_chunk(chunk)
 
 
 def run_share(spec: str, chunks: Sequence[str], folder: str) -> None:

@@ -226,7 +226,7 @@ def write_winner(sweep: GridSweep, best: Mapping[str, Any], path: Path) -> Path 
         "objective": study.tune.objective,
         "study_hash": study_hash(study),
         "seed": study.seed,
-        "versions": versions(),
+        "versions": versions(study),
         "swept": sorted(sweep.axes),
         "scenarios": sweep.scenarios,
         "train": {name: best[name] for name in ("mean", "median", "q90")},

@@ -257,7 +257,7 @@ def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any
         "statistic": study.tune.statistic.model_dump(),
         "study_hash": study_hash(study),
         "seed": study.seed,
-        "versions": versions(),
+        "versions": versions(study),
         "tuned": sorted(tuned.values),
         "train": _stated(tuned.train),
         "held_out": _stated(tuned.held_out),

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import tomlkit
-from pydantic import Field, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
-from tuning.files.errors import Mistake
+from tuning.files.errors import InputError, Mistake
 from tuning.files.shipped import choose
 from tuning.files.tables import merge
 from tuning.files.text import Line
 from tuning.files.toml import SchemaVersion, Seed, Table, read_toml, validate
-from tuning.study.parts.base import AtLeastOne, Part
+from tuning.study.foreign import PLUGINS, absent, foreign_in, require_recorded
+from tuning.study.parts.base import AtLeastOne, parts_in
 from tuning.study.parts.estimators import Estimator
 from tuning.study.parts.rig import Clock, Scorer
 from tuning.study.population import Population
@@ -48,6 +49,17 @@ class Base(Table):
     name: Line = "unnamed"
     provenance: dict[str, Any] = Field(default_factory=dict)
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _made_with(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Refuse a file that was made with another version of a plug-in than is here."""
+        recorded = data.get(PLUGINS) if isinstance(data, dict) else None
+        if recorded is None:
+            return handler(data)
+        study = handler({key: value for key, value in data.items() if key != PLUGINS})
+        require_recorded(recorded, foreign_in(study))
+        return study
+
     @classmethod
     def parsed(cls, tables: Mapping[str, Any], place: str) -> Self:
         """Return it from its tables, with the file of a preset in its place; a table's own keys override it.
@@ -64,7 +76,11 @@ class Base(Table):
                 own = {key: value for key, value in table.items() if key != "preset"}
                 preset = read_toml(choose(folder, table["preset"], f"{place}: {name}.preset"))
                 data[name] = merge(preset, own)
-        return validate(cls, data, place)
+        try:
+            return validate(cls, data, place)
+        except InputError as error:
+            # Where it names what is not here, the package to install is told first.
+            raise InputError(*absent(data.get(PLUGINS), f"{place}: {PLUGINS}"), *error.mistakes) from None
 
     def mistakes(self, place: str) -> Iterator[Mistake]:
         """Return what is wrong though every table is right by itself; searches apart, see `structures`."""
@@ -82,16 +98,8 @@ class Base(Table):
 
     def inputs(self) -> Iterator[str]:
         """Return the paths of the files that it names, and whose contents determine results."""
-        for name in type(self).model_fields:
-            yield from _files_in(getattr(self, name))
-
-
-def _files_in(value: Any) -> Iterator[str]:
-    if isinstance(value, Part):
-        yield from (path for name in value.files if (path := getattr(value, name)) is not None)
-    if isinstance(value, Table):
-        for name in type(value).model_fields:
-            yield from _files_in(getattr(value, name))
+        for part in parts_in(self):
+            yield from (path for name in part.files if (path := getattr(part, name)) is not None)
 
 
 class Config(Base):
@@ -198,9 +206,12 @@ class Timed(Study, _Clocked):
 def resolved(config: Table) -> dict[str, Any]:
     """Return every table of a configuration, defaults written out, absent features left out.
 
-    Left out too are tables that came `later` and say nothing.
+    Left out too are tables that came `later` and say nothing. What uses something foreign has a table `plugins`
+    of names and versions.
     """
-    return config.model_dump(exclude_none=True, exclude=_still_default(config))
+    foreign = foreign_in(config)
+    own = config.model_dump(exclude_none=True, exclude=_still_default(config))
+    return own | ({PLUGINS: foreign} if foreign else {})
 
 
 def every_table(study: Study) -> dict[str, Any]:

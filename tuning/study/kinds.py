@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from importlib import import_module
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from tuning.files.errors import Mistake, input_error
 from tuning.files.kinds import ARM_STUDY, CONFIG, LOG_STUDY, STUDY, FileKind
+from tuning.study.plugins import Origin, Refused, Unknown
+from tuning.study.refs import Ref
+from tuning.study.registry import Registry
 
 if TYPE_CHECKING:
     from tuning.study.base import Base
 
 Tables = Mapping[str, Any]
-
-
-class Ref(str):
-    """Where something is defined, `package.module:name`; it is imported when it is loaded."""
-
-    __slots__ = ()
-
-    def load(self) -> Any:
-        """Return what is defined there."""
-        module, _, name = self.partition(":")
-        return getattr(import_module(module), name)
 
 
 @dataclass(frozen=True)
@@ -81,7 +72,7 @@ def _estimation(name: str, tables: str) -> Kind:
     )
 
 
-_ALL = (
+_OWN = (
     Kind(
         "log",
         LOG_STUDY,
@@ -116,9 +107,22 @@ _ALL = (
 )
 
 
+class Kinds(Registry[Kind]):
+    """The kinds of study by name."""
+
+    def fitted(self, tag: str, entry: Any, origin: Origin | None) -> Kind:
+        """Return a foreign kind under the name by which a file asks for it."""
+        if not isinstance(entry, Kind):
+            raise Refused(f"got {tag!r}, which leads to {entry!r:.80}", f"a kind is a {Kind.__module__}:Kind")
+        return replace(entry, name=tag, holds=None)
+
+
+KINDS = Kinds("kinds", {kind.name: kind for kind in _OWN})
+
+
 def all_kinds() -> Iterator[Kind]:
-    """Return every kind, in the order in which they are asked whether tables are theirs."""
-    yield from _ALL
+    """Return every kind that is here, in the order in which they are asked whether tables are theirs."""
+    yield from KINDS.entries().values()
 
 
 def kind_named(name: str) -> Kind:
@@ -127,10 +131,10 @@ def kind_named(name: str) -> Kind:
     Raises:
         KeyError: there is none of that name.
     """
-    found = next((kind for kind in all_kinds() if kind.name == name), None)
-    if found is None:
-        raise KeyError(name)
-    return found
+    try:
+        return KINDS.find(name)
+    except Refused:
+        raise KeyError(name) from None
 
 
 def kind_of(study: Base) -> Kind:
@@ -165,8 +169,24 @@ def kind_in(tables: Tables, place: str, file: FileKind) -> Kind:
     allowed = [kind for kind in all_kinds() if kind.file is file]
     found = next((kind for kind in allowed if kind.is_of(tables)), None)
     if found is None:
-        got = f"got {tables['kind']!r}" if "kind" in tables else "is missing"
-        raise input_error(f"{place}: kind", got, f"allowed: {', '.join(kind.name for kind in allowed)}")
+        return _foreign_kind(tables, place, file, f"allowed: {', '.join(kind.name for kind in allowed)}")
+    return found
+
+
+def _foreign_kind(tables: Tables, place: str, file: FileKind, fix: str) -> Kind:
+    """Return the kind that none of those here is, but that somebody else may have."""
+    where, name = f"{place}: kind", tables.get("kind")
+    got = f"got {name!r}" if "kind" in tables else "is missing"
+    if not isinstance(name, str) or name in KINDS:
+        raise input_error(where, got, fix)
+    try:
+        found = KINDS.find(name)
+    except Unknown:
+        raise input_error(where, got, f"{fix}; `vsajax parts kinds` lists them all") from None
+    except Refused as refused:
+        raise input_error(where, refused.problem, refused.fix) from None
+    if found.file is not file:
+        raise input_error(where, got, fix)
     return found
 
 

@@ -9,7 +9,8 @@ from typing import Any
 from tuning.files.kinds import CONFIG, SIGNAL_MAP, kind_of
 from tuning.files.shipped import shipped_files
 from tuning.study.base import Base
-from tuning.study.kinds import Ref, all_kinds
+from tuning.study.kinds import all_kinds
+from tuning.study.refs import Ref
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _OTHERS = {

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Literal, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, NamedTuple
 
-Objective = Literal[
-    "msrep",
-    "msrep_settled",
-    "log_energy",
-    "settling_time",
-    "stiffness_error",
-    "compliance_error",
-    "stiffness_change",
-    "agreement",
-    "no_load",
-]
-"""Scores that a search can minimise: those of `SCORES` with `is_objective`."""
+from pydantic import PlainSerializer, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+
+from tuning.study.plugins import Origin, Refused, installed
+from tuning.study.registry import Registry
 
 
 class Score(NamedTuple):
@@ -90,7 +81,58 @@ LOGS = (
 )
 """Of an estimator on a part of a robot's own log: how far its torque is from what it should be."""
 _FAMILIES = (ESTIMATES, SWINGS, HANDS, LOGS)
-SCORES: Mapping[str, Score] = MappingProxyType({score.name: score for family in _FAMILIES for score in family})
+
+
+class Scores(Registry[Score], Mapping[str, Score]):
+    """The scores by name."""
+
+    def __getitem__(self, name: str) -> Score:
+        try:
+            return self.find(name)
+        except Refused:
+            raise KeyError(name) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys([*super().__iter__(), *installed(self.name)]))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def fitted(self, tag: str, entry: Any, origin: Origin | None) -> Score:
+        """Return a foreign score under the name of its column."""
+        if not isinstance(entry, Score):
+            raise Refused(f"got {tag!r}, which leads to {entry!r:.80}", f"a score is a {Score.__module__}:Score")
+        return entry._replace(name=tag)
+
+
+SCORES = Scores("scores", {score.name: score for family in _FAMILIES for score in family})
+
+
+def _or_foreign(name: Any, own: ValidatorFunctionWrapHandler) -> Any:
+    try:
+        return own(name)
+    except ValidationError:
+        if isinstance(name, str) and name in SCORES and SCORES[name].is_objective:
+            return name
+        raise
+
+
+Objective = Annotated[
+    Literal[
+        "msrep",
+        "msrep_settled",
+        "log_energy",
+        "settling_time",
+        "stiffness_error",
+        "compliance_error",
+        "stiffness_change",
+        "agreement",
+        "no_load",
+    ],
+    WrapValidator(_or_foreign),
+    PlainSerializer(lambda name: name),
+]
+"""Scores that a search can minimise: those of `SCORES` with `is_objective`."""
 
 
 def title_of(name: str) -> str:
@@ -105,5 +147,7 @@ def unit_of(name: str) -> str:
 
 def time_of(objective: str) -> str | None:
     """Return the score that says when a scenario with this objective has got there; `None` where nothing moves."""
+    if SCORES.origin(objective) is not None:
+        return objective
     family = next(family for family in _FAMILIES if SCORES[objective] in family)
     return next((score.name for score in family if score.is_time), None)

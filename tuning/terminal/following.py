@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     pass
 
 Words = list[str]
+CONSENTED = "vsajax.plugins"
+"""Of the modules that `--plugin` named, in the meta data of the command's context."""
+_READ_NO_STUDY = {"init", "schema", "parts", "bench", "doctor"}
 
 
 def words(*parts: object, settings: Sequence[str] = ()) -> Words:
@@ -28,7 +31,11 @@ def words(*parts: object, settings: Sequence[str] = ()) -> Words:
 
 
 def sentence(following: Words) -> str:
-    """Return the line that says what to type next, quoted for a shell."""
+    """Return the line that says what to type next, quoted for a shell; with this command's own `--plugin`."""
+    context = click.get_current_context(silent=True)
+    modules = () if context is None else context.meta.get(CONSENTED, ())
+    if "--plugin" not in following and following[0] not in _READ_NO_STUDY:
+        following = [*following, *(word for module in modules for word in ("--plugin", module))]
     return f"Next: vsajax {shlex.join(following)}"
 
 

@@ -10,6 +10,7 @@ from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.manifest import SHIPPED
 from tuning.files.errors import input_error
 from tuning.study.base import resolved, to_toml
+from tuning.study.foreign import PLUGINS
 
 _USAGE = """```sh
 {command}
@@ -35,6 +36,11 @@ def write_config(subject: Subject, form: str) -> Artefact:
     config, noun = subject.deployable.config, subject.deployable.noun
     tables = resolved(config)
     schema = type(config).model_json_schema(mode="validation")
+    if PLUGINS in tables:
+        schema["properties"][PLUGINS] = {
+            "type": "object",
+            "description": "What is not vsajax' own, and which version.",
+        }
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     text = to_toml(tables) if form == "toml" else _json(tables)
     files: dict[str, str | bytes] = {f"{noun}.{form}": text, "schema.json": _json(schema)}

@@ -8,7 +8,6 @@ from typing import Any, Literal, get_args, get_origin
 
 import yaml
 
-import vsajax
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.c99.printing import decimal
 from tuning.exports.layout import told
@@ -124,8 +123,7 @@ def _numbers(subject: Subject) -> Iterator[Entry]:
 
 def _entries(subject: Subject, part: Part, path: tuple[str, ...]) -> Iterator[Entry]:
     """Yield every value of a part, with its declaration."""
-    module, cls = part.target.split(".")
-    explained = told(getattr(getattr(vsajax, module), cls))
+    explained = told(part.target.load())
     for name, field in type(part).model_fields.items():
         value = getattr(part, name)
         here = (*path, name)

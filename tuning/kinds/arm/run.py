@@ -85,7 +85,7 @@ def write_run(
         "seed": study.seed,
         "study": resolved(study),
         "result": result,
-        "versions": versions(),
+        "versions": versions(study),
     }
     manifest = json.loads(json.dumps(identity, default=str), parse_constant=lambda _: None)
     files = []

@@ -50,7 +50,7 @@ class DeployableController(Deployable):
     @property
     def title(self) -> str:
         """What it is, for people."""
-        return f"damping controller ({self.study.controller.type}) of one joint, with its observer"
+        return f"damping controller ({self.study.controller.tag}) of one joint, with its observer"
 
     @property
     def parts(self) -> Mapping[tuple[str, ...], Part]:

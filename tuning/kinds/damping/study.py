@@ -8,7 +8,16 @@ from typing import ClassVar
 from tuning.files.errors import Mistake
 from tuning.study.base import Timed
 from tuning.study.parts.base import AtLeastOne, Positive
-from tuning.study.parts.swings import Controller, FeedbackSensor, Impact, SwingObserver, SwingScorer, SwitchedPlant
+from tuning.study.parts.swings import (
+    Combined,
+    Controller,
+    FeedbackSensor,
+    Impact,
+    Plant,
+    StiffnessSwitch,
+    SwingObserver,
+    SwingScorer,
+)
 from tuning.study.scores import Objective
 
 
@@ -21,7 +30,7 @@ class DampingStudy(Timed):
     )
     contested: ClassVar[tuple[str, ...]] = ("controller", "observer")
     objectives: ClassVar[tuple[Objective, ...]] = ("log_energy", "settling_time")
-    plant: SwitchedPlant
+    plant: Plant
     impact: Impact
     controller: Controller
     sensor: FeedbackSensor | None = None
@@ -43,8 +52,10 @@ class DampingStudy(Timed):
             problem = f"got {self.tune.objective!r}, a staircase, for --method {method}"
             return Mistake(f"{place}: tune.objective", problem, f'set it to "log_energy", or {fix}')
         own = self.controller
-        path, chosen = ("controller.stiffness", own.stiffness) if own.type == "combined" else ("controller", own)
-        if chosen.type == "switch":
+        path, chosen = ("controller", own)
+        if isinstance(own, Combined):
+            path, chosen = ("controller.stiffness", own.stiffness)
+        if isinstance(chosen, StiffnessSwitch):
             problem = f"got 'switch', whose score jumps, for --method {method}"
             return Mistake(f"{place}: {path}.type", problem, f'set it to "smooth", or {fix}')
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from tuning.study.base import Config, Timed
 from tuning.study.loading import load_study
 from tuning.study.parts.base import AtLeastOne, Part, Positive
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair
-from tuning.study.parts.joints import AntagonisticJoint, FlexibleJoint, SerialJoint
+from tuning.study.parts.joints import JOINTS
 from tuning.study.parts.rig import Excitation, Sensing
 from tuning.study.ranges import EVERYTHING, Reach
 
@@ -36,7 +36,12 @@ class EstimationStudy(Timed, Config):
         if table not in {"estimator", "sensing", "scorer"}:
             return EVERYTHING
         part = rest.removeprefix("side.").removeprefix("other.") if table == "estimator" else rest
-        is_torque = part.startswith("torque.") if table == "estimator" else part.partition(".")[0] in _TORQUES
+        # What a foreign estimator calls its torque may be anything.
+        is_torque = (
+            part.startswith("torque.") and self.estimator.origin is None
+            if table == "estimator"
+            else part.partition(".")[0] in _TORQUES
+        )
         found = Reach.TORQUE if is_torque else Reach.TORQUE | Reach.REGRESSORS
         return found if table == "estimator" else found | Reach.RECORDING
 
@@ -60,19 +65,19 @@ class EstimationStudy(Timed, Config):
 class SerialStudy(EstimationStudy):
     """A study of a serial adjustable-stiffness joint."""
 
-    joint: SerialJoint
+    joint: Annotated[Part, JOINTS.only("serial")]
 
 
 class SeaStudy(EstimationStudy):
     """A study of a series-elastic actuator: one motor, one spring."""
 
-    joint: FlexibleJoint
+    joint: Annotated[Part, JOINTS.only("sea")]
 
 
 class AntagonisticStudy(EstimationStudy):
     """A study of an agonist-antagonist joint: two motors, two springs, an estimator a side."""
 
-    joint: AntagonisticJoint
+    joint: Annotated[Part, JOINTS.only("antagonistic")]
 
 
 def load_estimation(path: Path, settings: Sequence[str] = ()) -> EstimationStudy:
@@ -95,7 +100,7 @@ def check_pairing(config: Config, place: str) -> list[Mistake]:
         if wants_pair
         else "name one side's estimator"
     )
-    got = config.estimator.type
+    got = config.estimator.tag
     return [Mistake(f"{place}: estimator.type", f"got {got!r}, which does not fit kind {config.kind!r}", fix)]
 
 

@@ -16,11 +16,18 @@ from tuning.logs.reading import RecordingTable
 from tuning.logs.torques import Assumptions
 from tuning.problem.build import build, build_estimator
 from tuning.study.base import Config
-from tuning.study.parts.estimators import AlgebraicObserver, Polynomial, SeparableOddPolynomial
+from tuning.study.parts.estimators import (
+    AlgebraicObserver,
+    EstimatorTable,
+    ExcitationGate,
+    Polynomial,
+    ResidualTorque,
+    SeparableOddPolynomial,
+)
 from tuning.study.parts.estimators import AntagonisticPair as PairConfig
-from tuning.study.parts.estimators import Estimator as EstimatorTable
+from tuning.study.parts.estimators import StiffnessEstimator as TwoStages
 from vsajax import Estimate, Recording
-from vsajax.estimators import AbstractEstimator, AntagonisticPair, StiffnessEstimator
+from vsajax.estimators import AbstractEstimator, AntagonisticPair, RecursiveLeastSquares, StiffnessEstimator
 from vsajax.experiments import estimation
 
 _PRIOR_LIMITS = 0.02
@@ -95,13 +102,18 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
 
 
 def _with_weaker_prior(estimator: AbstractEstimator) -> AbstractEstimator:
-    """Return the estimator with priors ten times as weak."""
+    """Return the estimator with priors ten times as weak; one without a recursive fit as it is."""
 
     def priors(e: Any) -> list[Any]:
         parts: tuple[Any, ...] = (e.side, e.other) if isinstance(e, AntagonisticPair) else (e,)
-        return [part.fit.prior_scale for part in parts if part is not None]
+        fits = [getattr(part, "fit", None) for part in parts]
+        return [fit.prior_scale for fit in fits if isinstance(fit, RecursiveLeastSquares)]
 
-    return eqx.tree_at(priors, estimator, [10.0 * scale for scale in priors(estimator)])
+    return (
+        eqx.tree_at(priors, estimator, [10.0 * scale for scale in priors(estimator)])
+        if priors(estimator)
+        else estimator
+    )
 
 
 def _weigh_prior(answer: Estimate, weaker: Estimate) -> tuple[dict[str, Any], list[str]]:
@@ -145,7 +157,9 @@ def _why_unknown(columns: dict[str, np.ndarray], config: Config, analysis: Analy
     ):
         return "the torque never leaves its noise floor (expect.no_load)"
     estimator = config.estimator
-    gate = estimator.side.gate if isinstance(estimator, PairConfig) else estimator.gate
+    gate = getattr(estimator.side if isinstance(estimator, PairConfig) else estimator, "gate", None)
+    if not isinstance(gate, ExcitationGate):
+        return f"the estimator {estimator.tag!r} never says that it knows it"
     span = float(np.ptp(columns["deflection"]))
     if span < gate.min_deflection_range:
         return (
@@ -194,9 +208,11 @@ def _summarise(
 
 
 def assumptions_of(estimator: EstimatorTable) -> Assumptions:
-    """Return what an estimator takes for granted of a log; of one a side, the first."""
+    """Return what an estimator takes for granted of a log; of one a side, the first. Of a foreign one, nothing."""
     if isinstance(estimator, PairConfig):
         estimator = estimator.side
+    if not isinstance(estimator, AlgebraicObserver | TwoStages):
+        return Assumptions(estimator.tag)
     basis = estimator.basis
     if isinstance(basis, SeparableOddPolynomial):
         has_offset = basis.deflection_offset or basis.torque_bias
@@ -205,5 +221,6 @@ def assumptions_of(estimator: EstimatorTable) -> Assumptions:
     if isinstance(estimator, AlgebraicObserver):
         return Assumptions("algebraic", True, False, has_offset)
     source = estimator.torque
-    has_friction = source.type != "residual" or bool(source.friction_torque)
-    return Assumptions(source.type, estimator.matched or source.type != "residual", has_friction, has_offset)
+    is_residual = isinstance(source, ResidualTorque)
+    has_friction = not is_residual or bool(source.friction_torque)
+    return Assumptions(source.tag, estimator.matched or not is_residual, has_friction, has_offset)

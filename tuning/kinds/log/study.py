@@ -89,7 +89,7 @@ class LogStudy(Study, Config):
     def mistakes(self, place: str) -> Iterator[Mistake]:
         """Return what is wrong of the estimator: it must have a torque signal, for "no_load" a residual."""
         if not isinstance(self.estimator, StiffnessEstimator):
-            problem = f"got {self.estimator.type!r}, which has no torque signal to tune on a log"
+            problem = f"got {self.estimator.tag!r}, which has no torque signal to tune on a log"
             yield Mistake(f"{place}: estimator.type", problem, 'set it to "two_stage", or leave it out')
         elif self.tune.objective == "no_load" and "motor_torque" not in self.estimator.needs:
             problem = "got 'no_load', which tunes a residual, but estimator.torque.type is another"

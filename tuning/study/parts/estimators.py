@@ -4,31 +4,75 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
 from tuning.study.parts.base import AtLeastOne, Fraction, NonNegative, Part, Positive, Scale
 from tuning.study.parts.springs import Spring
+from tuning.study.refs import Ref
+from tuning.study.slots import Slot
 
 
-class SensorTorque(Part):
+class TorqueTable(Part):
+    """A source of the elastic torque."""
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """The signals that it reads itself; the built source says the same."""
+        return frozenset()
+
+
+class BasisTable(Part):
+    """Functions of the deflection that the torque is a weighted sum of."""
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients; the built basis says the same."""
+        raise NotImplementedError
+
+    @property
+    def uses_setpoint(self) -> bool:
+        """Whether the setpoint must be measured; the built basis says the same."""
+        return False
+
+
+class EstimatorTable(Part):
+    """An estimator of the stiffness."""
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """The signals that must be measured; the built estimator says the same."""
+        raise NotImplementedError
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients of its largest fit: what its memory and time grow with."""
+        return 1
+
+
+class SensorTorque(TorqueTable):
     """The elastic torque is read from a joint torque sensor."""
 
-    target = "estimators.SensorTorque"
+    target = Ref("vsajax.estimators:SensorTorque")
     type: Literal["sensor"]
 
+    @property
+    def needs(self) -> frozenset[str]:
+        """The signals that it reads itself."""
+        return frozenset({"elastic_torque"})
 
-class ModelTorque(Part):
+
+class ModelTorque(TorqueTable):
     """The elastic torque is that of a nominal law."""
 
-    target = "estimators.ModelTorque"
+    target = Ref("vsajax.estimators:ModelTorque")
     type: Literal["model"]
     law: Spring
 
 
-class ResidualTorque(Part):
+class ResidualTorque(TorqueTable):
     """The elastic torque is observed from the motor's momentum."""
 
-    target = "estimators.ResidualTorque"
+    target = Ref("vsajax.estimators:ResidualTorque")
     type: Literal["residual"]
     observer_gain: Positive
     motor_inertia: Positive
@@ -37,18 +81,23 @@ class ResidualTorque(Part):
     friction_torque: NonNegative | None = None
     friction_velocity: Positive = 0.05
 
+    @property
+    def needs(self) -> frozenset[str]:
+        """The signals that it reads itself."""
+        return frozenset({"motor_position", "motor_torque"})
+
 
 class FiniteDifference(Part):
     """Velocity by differencing."""
 
-    target = "estimators.FiniteDifference"
+    target = Ref("vsajax.estimators:FiniteDifference")
     type: Literal["difference"]
 
 
 class KinematicKalman(Part):
     """Kinematic Kalman filter with a constant reading variance."""
 
-    target = "estimators.KinematicKalman"
+    target = Ref("vsajax.estimators:KinematicKalman")
     type: Literal["kalman"]
     acceleration_variance: Positive
     reading_variance: Positive
@@ -59,7 +108,7 @@ class KinematicKalman(Part):
 class ModifiedKinematicKalman(Part):
     """Kinematic Kalman filter whose reading variance falls with speed."""
 
-    target = "estimators.ModifiedKinematicKalman"
+    target = Ref("vsajax.estimators:ModifiedKinematicKalman")
     type: Literal["mkkf"]
     acceleration_variance: Positive
     slow_variance: Positive = 10.0
@@ -71,10 +120,10 @@ class ModifiedKinematicKalman(Part):
     scaling: Literal["counts", "printed"] = "counts"
 
 
-class SeparableOddPolynomial(Part):
+class SeparableOddPolynomial(BasisTable):
     """Powers of the setpoint times odd powers of the deflection."""
 
-    target = "estimators.SeparableOddPolynomial"
+    target = Ref("vsajax.estimators:SeparableOddPolynomial")
     type: Literal["odd"]
     deflection_scale: Scale = 1.0
     setpoint_origin: float = 0.0
@@ -93,14 +142,19 @@ class SeparableOddPolynomial(Part):
         )
 
     @property
+    def uses_setpoint(self) -> bool:
+        """Whether the setpoint must be measured."""
+        return self.setpoint_terms > 1
+
+    @property
     def _has_constant(self) -> bool:
         return self.torque_bias and not self.deflection_offset
 
 
-class Polynomial(Part):
+class Polynomial(BasisTable):
     """1, x, …, x^order of the deflection."""
 
-    target = "estimators.Polynomial"
+    target = Ref("vsajax.estimators:Polynomial")
     type: Literal["polynomial"]
     deflection_scale: Scale = 1.0
     order: AtLeastOne = 1
@@ -111,10 +165,10 @@ class Polynomial(Part):
         return self.order + 1
 
 
-class Taylor(Part):
+class Taylor(BasisTable):
     """φ^(j+1)/(j+1)! for j = 0 … order: a stiffness of that Taylor order."""
 
-    target = "estimators.Taylor"
+    target = Ref("vsajax.estimators:Taylor")
     type: Literal["taylor"]
     deflection_scale: Scale = 1.0
     order: Annotated[int, Field(ge=0, le=160)] = 2  # beyond, the factorials overflow
@@ -125,10 +179,10 @@ class Taylor(Part):
         return self.order + 1
 
 
-class Legendre(Part):
+class Legendre(BasisTable):
     """Legendre polynomials on a range of deflection."""
 
-    target = "estimators.Legendre"
+    target = Ref("vsajax.estimators:Legendre")
     ordered = ("lower", "upper", "rad")
     type: Literal["legendre"]
     lower: float
@@ -144,14 +198,14 @@ class Legendre(Part):
 class UnitFactor(Part):
     """Ordinary recursive least squares."""
 
-    target = "estimators.UnitFactor"
+    target = Ref("vsajax.estimators:UnitFactor")
     type: Literal["unit"] = "unit"
 
 
 class EnhancedFactor(Part):
     """The printed stability factor (27), with c = constant and P(0) = prior_scale."""
 
-    target = "estimators.EnhancedFactor"
+    target = Ref("vsajax.estimators:EnhancedFactor")
     type: Literal["enhanced"]
     constant: Positive
 
@@ -159,7 +213,7 @@ class EnhancedFactor(Part):
 class ConstantFactor(Part):
     """A constant stability factor."""
 
-    target = "estimators.ConstantFactor"
+    target = Ref("vsajax.estimators:ConstantFactor")
     type: Literal["constant"]
     factor: Fraction
 
@@ -167,41 +221,44 @@ class ConstantFactor(Part):
 class ExponentialForgetting(Part):
     """Exponential forgetting."""
 
-    target = "estimators.ExponentialForgetting"
+    target = Ref("vsajax.estimators:ExponentialForgetting")
     type: Literal["forgetting"]
     forgetting: Fraction
+
+
+LAWS = Slot("laws", Part, UnitFactor, EnhancedFactor, ConstantFactor, ExponentialForgetting)
 
 
 class RecursiveLeastSquares(Part):
     """The recursive fit."""
 
-    target = "estimators.RecursiveLeastSquares"
+    target = Ref("vsajax.estimators:RecursiveLeastSquares")
     prior_scale: Positive
-    law: Annotated[
-        UnitFactor | EnhancedFactor | ConstantFactor | ExponentialForgetting, Field(discriminator="type")
-    ] = UnitFactor()
+    law: Annotated[Part, LAWS] = UnitFactor()
 
 
 class ExcitationGate(Part):
     """When an answer is known."""
 
-    target = "estimators.ExcitationGate"
+    target = Ref("vsajax.estimators:ExcitationGate")
     min_deflection_range: NonNegative = 0.0
     max_relative_std: Positive = 0.1
 
 
-Basis = Annotated[SeparableOddPolynomial | Polynomial | Taylor | Legendre, Field(discriminator="type")]
-VelocityFilter = Annotated[
-    FiniteDifference | KinematicKalman | ModifiedKinematicKalman, Field(discriminator="type")
-]
+TORQUES = Slot("torques", TorqueTable, SensorTorque, ModelTorque, ResidualTorque)
+VELOCITIES = Slot("velocities", Part, FiniteDifference, KinematicKalman, ModifiedKinematicKalman)
+BASES = Slot("bases", BasisTable, SeparableOddPolynomial, Polynomial, Taylor, Legendre)
+Torque = Annotated[TorqueTable, TORQUES]
+VelocityFilter = Annotated[Part, VELOCITIES]
+Basis = Annotated[BasisTable, BASES]
 
 
-class StiffnessEstimator(Part):
+class StiffnessEstimator(EstimatorTable):
     """Torque, velocity filter, basis and recursive fit."""
 
-    target = "estimators.StiffnessEstimator"
+    target = Ref("vsajax.estimators:StiffnessEstimator")
     type: Literal["two_stage"] = "two_stage"
-    torque: Annotated[SensorTorque | ModelTorque | ResidualTorque, Field(discriminator="type")]
+    torque: Torque
     basis: Basis
     fit: RecursiveLeastSquares
     velocity: VelocityFilter = FiniteDifference(type="difference")
@@ -212,15 +269,19 @@ class StiffnessEstimator(Part):
     @property
     def needs(self) -> frozenset[str]:
         """The signals that must be measured; the built estimator says the same."""
-        torque = {"sensor": {"elastic_torque"}, "residual": {"motor_position", "motor_torque"}, "model": set()}
         positions = {"deflection"} if self.deflection == "measured" else {"link_position", "motor_position"}
-        return frozenset(torque[self.torque.type] | positions | _setpoint_of(self.basis))
+        return self.torque.needs | positions | _setpoint_of(self.basis)
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients of its fit."""
+        return self.basis.size
 
 
-class AlgebraicObserver(Part):
+class AlgebraicObserver(EstimatorTable):
     """The motor equation over a moving window, and a recursive fit."""
 
-    target = "estimators.AlgebraicObserver"
+    target = Ref("vsajax.estimators:AlgebraicObserver")
     static = frozenset({"longest_window", "sample_time"})
     type: Literal["algebraic"]
     motor_inertia: Positive
@@ -255,29 +316,27 @@ class AlgebraicObserver(Part):
     @property
     def needs(self) -> frozenset[str]:
         """The signals that must be measured; the built estimator says the same."""
-        return frozenset({"link_position", "motor_position", "motor_torque"} | _setpoint_of(self.basis))
+        return frozenset({"link_position", "motor_position", "motor_torque"}) | _setpoint_of(self.basis)
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients of its fit."""
+        return self.basis.size
 
 
-def _setpoint_of(basis: Basis) -> set[str]:
-    has_setpoint = isinstance(basis, SeparableOddPolynomial) and basis.setpoint_terms > 1
-    return {"setpoint_position"} if has_setpoint else set()
+def _setpoint_of(basis: BasisTable) -> frozenset[str]:
+    return frozenset({"setpoint_position"} if basis.uses_setpoint else ())
 
 
-def _type_of(table: Any) -> str:
-    """Return the tag of an estimator's table; it is "two_stage" where none is given."""
-    return table.get("type", "two_stage") if isinstance(table, dict) else getattr(table, "type", "two_stage")
+SIDES = Slot("estimators", EstimatorTable, StiffnessEstimator, AlgebraicObserver, otherwise="two_stage")
+"""Estimators of one transmission."""
+Side = Annotated[EstimatorTable, SIDES]
 
 
-Side = Annotated[
-    Annotated[StiffnessEstimator, Tag("two_stage")] | Annotated[AlgebraicObserver, Tag("algebraic")],
-    Discriminator(_type_of),
-]
-
-
-class AntagonisticPair(Part):
+class AntagonisticPair(EstimatorTable):
     """One estimator a side of an antagonistic joint; `other` where the second differs from the first."""
 
-    target = "estimators.AntagonisticPair"
+    target = Ref("vsajax.estimators:AntagonisticPair")
     type: Literal["pair"]
     side: Side
     other: Side | None = None
@@ -292,10 +351,11 @@ class AntagonisticPair(Part):
             for name in side.needs
         )
 
+    @property
+    def size(self) -> int:
+        """Number of coefficients of the larger fit."""
+        return max(side.size for side in (self.side, self.other) if side is not None)
 
-Estimator = Annotated[
-    Annotated[StiffnessEstimator, Tag("two_stage")]
-    | Annotated[AlgebraicObserver, Tag("algebraic")]
-    | Annotated[AntagonisticPair, Tag("pair")],
-    Discriminator(_type_of),
-]
+
+ESTIMATORS = SIDES.of(StiffnessEstimator, AlgebraicObserver, AntagonisticPair)
+Estimator = Annotated[EstimatorTable, ESTIMATORS]

@@ -8,12 +8,14 @@ from pydantic import Field
 
 from tuning.study.parts.base import NonNegative, Part, Positive
 from tuning.study.parts.springs import Spring
+from tuning.study.refs import Ref
+from tuning.study.slots import Slot
 
 
 class CoulombFriction(Part):
     """Dry friction, smoothed over a small velocity."""
 
-    target = "plants.CoulombFriction"
+    target = Ref("vsajax.plants:CoulombFriction")
     torque: NonNegative
     velocity_scale: Positive = 0.05
 
@@ -21,7 +23,7 @@ class CoulombFriction(Part):
 class Link(Part):
     """The driven link."""
 
-    target = "plants.Link"
+    target = Ref("vsajax.plants:Link")
     inertia: Positive
     damping: NonNegative
     gravity: float | None = None
@@ -31,7 +33,7 @@ class Link(Part):
 class Motor(Part):
     """A geared motor."""
 
-    target = "plants.Motor"
+    target = Ref("vsajax.plants:Motor")
     inertia: Positive
     damping: NonNegative
     gear_ratio: Annotated[float, Field(ge=1)] = 1.0
@@ -41,7 +43,7 @@ class Motor(Part):
 class SerialJoint(Part):
     """A principal motor moves the link, a secondary motor sets its stiffness."""
 
-    target = "plants.SerialJoint"
+    target = Ref("vsajax.plants:SerialJoint")
     link: Link
     motor: Motor
     setpoint_motor: Motor
@@ -53,7 +55,7 @@ class SerialJoint(Part):
 class FlexibleJoint(Part):
     """A motor drives a link through one spring."""
 
-    target = "plants.FlexibleJoint"
+    target = Ref("vsajax.plants:FlexibleJoint")
     link: Link
     motor: Motor
     spring: Spring
@@ -63,9 +65,17 @@ class FlexibleJoint(Part):
 class AntagonisticJoint(Part):
     """Two motors pull one link through a spring each."""
 
-    target = "plants.AntagonisticJoint"
+    target = Ref("vsajax.plants:AntagonisticJoint")
     link: Link
     motor1: Motor
     motor2: Motor
     spring1: Spring
     spring2: Spring
+
+
+JOINTS = Slot(
+    "joints",
+    Part,
+    untagged={"serial": SerialJoint, "sea": FlexibleJoint, "antagonistic": AntagonisticJoint},
+)
+"""A study's kind tells which of vsajax' own its joint is."""

@@ -9,12 +9,14 @@ from pydantic import Field, model_validator
 
 from tuning.files.toml import Seed
 from tuning.study.parts.base import AtLeastOne, NonNegative, Part, Positive
+from tuning.study.refs import Ref
+from tuning.study.slots import Slot
 
 
 class Sine(Part):
     """offset + amplitude · sin(2π frequency t + phase)."""
 
-    target = "sensing.Sine"
+    target = Ref("vsajax.sensing:Sine")
     type: Literal["sine"]
     amplitude: float
     frequency: NonNegative
@@ -25,7 +27,7 @@ class Sine(Part):
 class Multisine(Part):
     """A sum of sines."""
 
-    target = "sensing.Multisine"
+    target = Ref("vsajax.sensing:Multisine")
     type: Literal["multisine"]
     amplitudes: Annotated[list[float], Field(min_length=1)]
     frequencies: list[NonNegative]
@@ -45,7 +47,7 @@ class Multisine(Part):
 class Chirp(Part):
     """A sine of rising frequency."""
 
-    target = "sensing.Chirp"
+    target = Ref("vsajax.sensing:Chirp")
     type: Literal["chirp"]
     amplitude: float
     start: NonNegative
@@ -57,7 +59,7 @@ class Chirp(Part):
 class BandLimitedNoise(Part):
     """Gaussian noise between two frequencies."""
 
-    target = "sensing.BandLimitedNoise"
+    target = Ref("vsajax.sensing:BandLimitedNoise")
     ordered = ("low", "high", "Hz")
     type: Literal["noise"]
     std: NonNegative
@@ -71,7 +73,7 @@ class BandLimitedNoise(Part):
 class RecordedTorque(Part):
     """A torque column of a recording, CSV or Parquet, with its time column."""
 
-    target = "sensing.Recorded"
+    target = Ref("vsajax.sensing:Recorded")
     files = ("path",)
     type: Literal["file"]
     path: str
@@ -85,15 +87,14 @@ class RecordedTorque(Part):
         return {"time": time, "torque": torque}
 
 
-TorqueProfile = Annotated[
-    Sine | Multisine | Chirp | BandLimitedNoise | RecordedTorque, Field(discriminator="type")
-]
+EXCITATIONS = Slot("excitations", Part, Sine, Multisine, Chirp, BandLimitedNoise, RecordedTorque)
+TorqueProfile = Annotated[Part, EXCITATIONS]
 
 
 class Excitation(Part):
     """What drives each input of the joint; an absent one is no torque."""
 
-    target = "sensing.Excitation"
+    target = Ref("vsajax.sensing:Excitation")
     motor: TorqueProfile | None = None
     setpoint_motor: TorqueProfile | None = None
     external: TorqueProfile | None = None
@@ -104,7 +105,7 @@ class Excitation(Part):
 class Encoder(Part):
     """Quantisation of an angle."""
 
-    target = "sensing.Encoder"
+    target = Ref("vsajax.sensing:Encoder")
     counts_per_revolution: Positive
     offset: float | None = None
     rounding: Literal["nearest", "floor"] = "nearest"
@@ -113,7 +114,7 @@ class Encoder(Part):
 class Sensor(Part):
     """One measured signal; an absent effect costs nothing."""
 
-    target = "sensing.Sensor"
+    target = Ref("vsajax.sensing:Sensor")
     delay: NonNegative | None = None
     gain: Positive | None = None
     bias: float | None = None
@@ -121,26 +122,30 @@ class Sensor(Part):
     encoder: Encoder | None = None
 
 
+SENSORS = Slot("sensors", Part, untagged={"plain": Sensor}, otherwise="plain")
+AnySensor = Annotated[Part, SENSORS]
+
+
 class Sensing(Part):
     """One sensor a signal; an absent one is not measured."""
 
-    target = "sensing.SensorSuite"
-    link_position: Sensor | None = None
-    motor_position: Sensor | None = None
-    setpoint_position: Sensor | None = None
-    motor_torque: Sensor | None = None
-    elastic_torque: Sensor | None = None
-    deflection: Sensor | None = None
-    motor1_position: Sensor | None = None
-    motor2_position: Sensor | None = None
-    motor1_torque: Sensor | None = None
-    motor2_torque: Sensor | None = None
+    target = Ref("vsajax.sensing:SensorSuite")
+    link_position: AnySensor | None = None
+    motor_position: AnySensor | None = None
+    setpoint_position: AnySensor | None = None
+    motor_torque: AnySensor | None = None
+    elastic_torque: AnySensor | None = None
+    deflection: AnySensor | None = None
+    motor1_position: AnySensor | None = None
+    motor2_position: AnySensor | None = None
+    motor1_torque: AnySensor | None = None
+    motor2_torque: AnySensor | None = None
 
 
 class Clock(Part):
     """When samples are taken."""
 
-    target = "sensing.Clock"
+    target = Ref("vsajax.sensing:Clock")
     static = frozenset({"sample_time", "duration"})
     sample_time: Positive
     duration: Positive
@@ -156,7 +161,7 @@ class Clock(Part):
 class Scorer(Part):
     """How estimates are compared with the truth."""
 
-    target = "scores.Scorer"
+    target = Ref("vsajax.scores:Scorer")
     warm_up: NonNegative = 2.0
     tolerance: Positive = 0.05
     sigmas: Positive = 1.959963984540054

@@ -8,12 +8,14 @@ from pydantic import Field
 
 from tuning.files.toml import NO_SWITCH
 from tuning.study.parts.base import NonNegative, Part, Positive
+from tuning.study.refs import Ref
+from tuning.study.slots import Slot
 
 
 class LinearSpring(Part):
     """τ = rate · φ."""
 
-    target = "plants.LinearSpring"
+    target = Ref("vsajax.plants:LinearSpring")
     type: Literal["linear"]
     rate: Positive
 
@@ -21,7 +23,7 @@ class LinearSpring(Part):
 class CubicSpring(Part):
     """τ = linear · φ + cubic · φ³."""
 
-    target = "plants.CubicSpring"
+    target = Ref("vsajax.plants:CubicSpring")
     type: Literal["cubic"]
     linear: NonNegative
     cubic: float
@@ -30,7 +32,7 @@ class CubicSpring(Part):
 class PolynomialSpring(Part):
     """τ = Σ coefficients[i] · φ^(2i+1)."""
 
-    target = "plants.PolynomialSpring"
+    target = Ref("vsajax.plants:PolynomialSpring")
     type: Literal["polynomial"]
     coefficients: Annotated[list[float], Field(min_length=1)]
 
@@ -38,7 +40,7 @@ class PolynomialSpring(Part):
 class ExponentialSpring(Part):
     """τ = side · torque_scale · (e^(side · exponent · φ) − 1)."""
 
-    target = "plants.ExponentialSpring"
+    target = Ref("vsajax.plants:ExponentialSpring")
     type: Literal["exponential"]
     torque_scale: Positive
     exponent: Positive
@@ -48,7 +50,7 @@ class ExponentialSpring(Part):
 class HyperbolicSpring(Part):
     """τ = torque_scale · sinh(exponent · φ)."""
 
-    target = "plants.HyperbolicSpring"
+    target = Ref("vsajax.plants:HyperbolicSpring")
     type: Literal["hyperbolic"]
     torque_scale: Positive
     exponent: Positive
@@ -57,14 +59,21 @@ class HyperbolicSpring(Part):
 class LeverSpring(Part):
     """τ = spring_rate · r² · sin 2φ with r = arm + pitch · θ_c."""
 
-    target = "plants.LeverSpring"
+    target = Ref("vsajax.plants:LeverSpring")
     type: Literal["lever"]
     spring_rate: Positive
     arm: Positive
     pitch: float
 
 
-Spring = Annotated[
-    LinearSpring | CubicSpring | PolynomialSpring | ExponentialSpring | HyperbolicSpring | LeverSpring,
-    Field(discriminator="type"),
-]
+SPRINGS = Slot(
+    "springs",
+    Part,
+    LinearSpring,
+    CubicSpring,
+    PolynomialSpring,
+    ExponentialSpring,
+    HyperbolicSpring,
+    LeverSpring,
+)
+Spring = Annotated[Part, SPRINGS]

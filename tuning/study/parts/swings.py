@@ -9,19 +9,21 @@ from pydantic import Field, model_validator
 from tuning.study.parts.base import AtLeastOne, NonNegative, Part, Positive
 from tuning.study.parts.joints import Link
 from tuning.study.parts.rig import Encoder
+from tuning.study.refs import Ref
+from tuning.study.slots import Slot
 
 
 class SingleLink(Part):
     """One link on one joint."""
 
-    target = "plants.SingleLink"
+    target = Ref("vsajax.plants:SingleLink")
     link: Link
 
 
 class StiffnessActuator(Part):
     """What sets the stiffness: its range, and the time from end to end of it."""
 
-    target = "plants.StiffnessActuator"
+    target = Ref("vsajax.plants:StiffnessActuator")
     ordered = ("soft", "stiff", "N·m/rad")
     soft: Positive
     stiff: Positive
@@ -31,7 +33,7 @@ class StiffnessActuator(Part):
 class PositionMotor(Part):
     """A position-controlled motor with a lag and a top speed."""
 
-    target = "plants.PositionMotor"
+    target = Ref("vsajax.plants:PositionMotor")
     time_constant: Positive
     top_speed: Positive
 
@@ -39,16 +41,20 @@ class PositionMotor(Part):
 class SwitchedPlant(Part):
     """A link on a spring whose stiffness is an input."""
 
-    target = "plants.SwitchedPlant"
+    target = Ref("vsajax.plants:SwitchedPlant")
     mechanism: SingleLink
     actuator: StiffnessActuator
     motor: PositionMotor | None = None
 
 
+PLANTS = Slot("plants", Part, untagged={"switched": SwitchedPlant}, otherwise="switched")
+Plant = Annotated[Part, PLANTS]
+
+
 class Pulse(Part):
     """A constant torque from the start on."""
 
-    target = "sensing.Pulse"
+    target = Ref("vsajax.sensing:Pulse")
     torque: float
     duration: Positive
 
@@ -56,7 +62,7 @@ class Pulse(Part):
 class Impact(Part):
     """What sets the link swinging: an impulse, a pulse, or both."""
 
-    target = "sensing.Impact"
+    target = Ref("vsajax.sensing:Impact")
     impulse: float = 0.0
     pulse: Pulse | None = None
     shares: Annotated[list[float], Field(min_length=1, max_length=1)] | None = None
@@ -71,7 +77,7 @@ class Impact(Part):
 class FeedbackSensor(Part):
     """The encoder of the link in the loop, and the delay of the whole loop; an absent effect costs nothing."""
 
-    target = "sensing.FeedbackSensor"
+    target = Ref("vsajax.sensing:FeedbackSensor")
     noise_std: NonNegative | None = None
     encoder: Encoder | None = None
     delay: NonNegative | None = None
@@ -81,14 +87,14 @@ class FeedbackSensor(Part):
 class SwingObserver(Part):
     """How velocities are found from readings."""
 
-    target = "control.SwingObserver"
+    target = Ref("vsajax.control:SwingObserver")
     cutoff: Positive | None = None
 
 
 class Conic(Part):
     """Law (23) with its two switching lines tilted; with zeros it is law (23)."""
 
-    target = "control.Conic"
+    target = Ref("vsajax.control:Conic")
     type: Literal["conic"] = "conic"
     lead: float = 0.0
     slope: float = 0.0
@@ -97,7 +103,7 @@ class Conic(Part):
 class TimeLead(Part):
     """Law (23) on what deflection and velocity will be."""
 
-    target = "control.TimeLead"
+    target = Ref("vsajax.control:TimeLead")
     type: Literal["lead"]
     position_lead: float
     velocity_lead: float
@@ -106,7 +112,7 @@ class TimeLead(Part):
 class FixedThresholds(Part):
     """The paper's anticipation."""
 
-    target = "control.FixedThresholds"
+    target = Ref("vsajax.control:FixedThresholds")
     type: Literal["thresholds"]
     position: NonNegative
     velocity: NonNegative
@@ -116,7 +122,7 @@ class FixedThresholds(Part):
 class RelativeThresholds(Part):
     """The same with thresholds that are shares of the last peaks."""
 
-    target = "control.RelativeThresholds"
+    target = Ref("vsajax.control:RelativeThresholds")
     type: Literal["relative"]
     position_share: NonNegative
     velocity_share: NonNegative
@@ -125,20 +131,19 @@ class RelativeThresholds(Part):
 class DelayedRelease(Part):
     """Law (23), stiff for a share of the way out past the peak."""
 
-    target = "control.DelayedRelease"
+    target = Ref("vsajax.control:DelayedRelease")
     type: Literal["release"]
     share: NonNegative
 
 
-Rule = Annotated[
-    Conic | TimeLead | FixedThresholds | RelativeThresholds | DelayedRelease, Field(discriminator="type")
-]
+RULES = Slot("rules", Part, Conic, TimeLead, FixedThresholds, RelativeThresholds, DelayedRelease)
+Rule = Annotated[Part, RULES]
 
 
 class Hold(Part):
     """Keeps the last command where the drive's sign is not to be believed."""
 
-    target = "control.Hold"
+    target = Ref("vsajax.control:Hold")
     product: NonNegative | None = None
     position: NonNegative | None = None
     velocity: NonNegative | None = None
@@ -147,7 +152,7 @@ class Hold(Part):
 class ConstantStiffness(Part):
     """One stiffness."""
 
-    target = "control.ConstantStiffness"
+    target = Ref("vsajax.control:ConstantStiffness")
     type: Literal["constant"]
     stiffness: Positive
 
@@ -155,7 +160,7 @@ class ConstantStiffness(Part):
 class StiffnessSwitch(Part):
     """Switches between two stiffnesses by a rule."""
 
-    target = "control.StiffnessSwitch"
+    target = Ref("vsajax.control:StiffnessSwitch")
     type: Literal["switch"]
     soft: Positive
     stiff: Positive
@@ -166,7 +171,7 @@ class StiffnessSwitch(Part):
 class SmoothStiffness(Part):
     """Changes the stiffness smoothly by a conic."""
 
-    target = "control.SmoothStiffness"
+    target = Ref("vsajax.control:SmoothStiffness")
     type: Literal["smooth"]
     soft: Positive
     stiff: Positive
@@ -179,7 +184,7 @@ class SmoothStiffness(Part):
 class PIDPosition(Part):
     """PID on the motor's position at a constant stiffness."""
 
-    target = "control.PIDPosition"
+    target = Ref("vsajax.control:PIDPosition")
     type: Literal["pid"]
     stiffness: Positive
     proportional: float
@@ -192,7 +197,7 @@ class PIDPosition(Part):
 class MotorPID(Part):
     """PID on the motor's position."""
 
-    target = "control.MotorPID"
+    target = Ref("vsajax.control:MotorPID")
     proportional: float
     integral: float
     derivative: float
@@ -200,19 +205,23 @@ class MotorPID(Part):
     reach: Positive = 1.5
 
 
+STIFFNESSES = Slot("controllers", Part, StiffnessSwitch, SmoothStiffness)
+"""Controllers of the stiffness alone, beside which another moves the motor."""
+
+
 class Combined(Part):
     """A controlled stiffness and a PID on the motor at once."""
 
-    target = "control.Combined"
+    target = Ref("vsajax.control:Combined")
     type: Literal["combined"]
-    stiffness: Annotated[StiffnessSwitch | SmoothStiffness, Field(discriminator="type")]
+    stiffness: Annotated[Part, STIFFNESSES]
     motor: MotorPID
 
 
 class BangBangPosition(Part):
     """Stops the link by moving the motor to it, then brings it back."""
 
-    target = "control.BangBangPosition"
+    target = Ref("vsajax.control:BangBangPosition")
     type: Literal["bang_bang"]
     stiffness: Positive
     return_time: Positive
@@ -221,14 +230,14 @@ class BangBangPosition(Part):
     most_stops: Positive = 6.0
 
 
-Controller = Annotated[
-    ConstantStiffness | StiffnessSwitch | SmoothStiffness | PIDPosition | BangBangPosition | Combined,
-    Field(discriminator="type"),
-]
+CONTROLLERS = STIFFNESSES.of(
+    ConstantStiffness, StiffnessSwitch, SmoothStiffness, PIDPosition, BangBangPosition, Combined
+)
+Controller = Annotated[Part, CONTROLLERS]
 
 
 class SwingScorer(Part):
     """How coming to rest is judged."""
 
-    target = "scores.SwingScorer"
+    target = Ref("vsajax.scores:SwingScorer")
     band: Positive = 0.05
