@@ -127,7 +127,7 @@ def test_every_documented_command_is_taken(document, vsajax, tmp_path, monkeypat
         assert (ended.code, ended.err) == (0, ""), f"{said}\n{ended.err}"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_every_documented_command_is_taken")
 @pytest.mark.cli
 @pytest.mark.parametrize("document", documents(), ids=lambda path: path.name)
 def test_every_documented_command_runs(document, vsajax, tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Files that somebody else made: whatever they hold, `check` takes or refuses it in words, at once and in print."""
+"""Files that somebody else made: whatever they hold, `check` takes it, or refuses it at once and in words."""
 
 from __future__ import annotations
 
