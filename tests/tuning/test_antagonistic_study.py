@@ -42,7 +42,12 @@ def radau(offsets, amplitudes, time: np.ndarray) -> np.ndarray:
     return solve_ivp(rates, (0.0, time[-1]), np.zeros(6), "Radau", time, rtol=1e-10, atol=1e-12).y[:3]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/vsajax/plants/test_antagonistic.py::test_motion_is_that_of_radau",
+        "tests/tuning/test_problem.py::test_integration_steps_keep_every_position_within_the_tolerance",
+    )
+)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("settings", "offsets", "amplitudes"), [((), (2.5, -2.5), (1.5, 1.5)), (R2, (0.0, 0.0), (3.0, -3.0))]
@@ -55,7 +60,7 @@ def test_chosen_step_follows_radau_to_the_studys_tolerance(settings, offsets, am
     np.testing.assert_allclose(found, exact, rtol=0.0, atol=study.integration_tolerance)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/vsajax/estimators/test_algebraic.py::test_error_is_differentiable_in_the_window")
 @pytest.mark.gradient
 def test_error_is_continuous_in_the_window():
     problem = EstimationProblem(small_antagonistic(), (WINDOW,))
@@ -71,7 +76,12 @@ def test_error_is_continuous_in_the_window():
     assert above == pytest.approx(at, rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/vsajax/estimators/test_algebraic.py::test_error_is_differentiable_in_the_window",
+        "tests/tuning/test_gradient.py::test_every_algorithm_leads_down_within_the_bounds",
+    )
+)
 @pytest.mark.gradient
 def test_gradient_finds_the_window_from_both_sides():
     study = load_study(ANTAGONISTIC, ["sweep={}", f"tune.parameters={{'{WINDOW}'={{low=0.05, high=2.0}}}}"])
@@ -84,7 +94,9 @@ def test_gradient_finds_the_window_from_both_sides():
 
 
 @pytest.mark.cli
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin="tests/tuning/test_golden_runs.py::test_an_unfinished_run_goes_on_to_the_results_that_it_would_have_had"
+)
 def test_both_families_are_compared_scenario_by_scenario(vsajax, tmp_path):
     words = ["--set", "clock.duration=2.5", "--scenarios", "6", "--json", "-q"]
     ended = vsajax("compare", ANTAGONISTIC, RESIDUAL_PAIR, "-s", ANTAGONISTIC, "-o", tmp_path / "duel", *words)

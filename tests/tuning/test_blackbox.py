@@ -202,7 +202,9 @@ def test_the_planted_better_structure_is_chosen(method, tmp_path):
     assert plan_search(best, "gradient", "bfgs", "best.toml").own == found.tuned.values
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin="tests/tuning/test_golden_runs.py::test_an_unfinished_run_goes_on_to_the_results_that_it_would_have_had"
+)
 def test_each_structure_is_scored_as_the_study_that_it_is_with_one_trace(tmp_path):
     study = chosen_laws()
     box = BlackBox(study, "tpe", batch=4)

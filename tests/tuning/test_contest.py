@@ -62,7 +62,9 @@ def test_what_is_no_contest_says_what_to_do(tmp_path):
         tiny_tuning(f"tune.parameters={{ {BOUNDS} }}")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin="tests/tuning/test_golden_runs.py::test_an_unfinished_run_goes_on_to_the_results_that_it_would_have_had"
+)
 @pytest.mark.cli
 def test_contestants_are_tuned_alike_and_paired_with_the_best_on_training(tmp_path):
     study = chosen_laws()

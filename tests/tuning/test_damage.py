@@ -627,7 +627,12 @@ def command(*words: object, code: str = ONE_A_CHUNK) -> subprocess.CompletedProc
     )
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "test_a_chunk_that_is_not_as_it_was_written_is_named_and_computed_again",
+        "test_an_edited_manifest_is_refused_by_name_whether_or_not_chunks_are_missing",
+    )
+)
 @pytest.mark.cli
 @pytest.mark.failure
 def test_damage_of_every_kind_from_the_shell(tmp_path):
@@ -691,7 +696,7 @@ main()
 """
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_a_second_process_is_refused_and_a_lock_falls_with_its_process")
 @pytest.mark.cli
 @pytest.mark.failure
 def test_a_second_search_on_one_folder_is_refused_and_the_first_ends_as_alone(tmp_path):

@@ -75,7 +75,12 @@ def test_simulate_writes_what_the_link_did(vsajax, tmp_path):
     assert load_study(tmp_path / "a.toml").kind == "damping"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/vsajax/test_closed_loop.py::test_log_energy_in_lead_slope_and_sharpness_matches_finite_differences",
+        "tests/tuning/test_golden_runs.py::test_a_finished_run_stays_as_it_is_to_the_bit",
+    )
+)
 @pytest.mark.cli
 def test_gradient_tuning_finds_anticipation(vsajax, tmp_path):
     words = ("--set", "tune.starts=1", "--budget", "1", "--set", "tune.max_steps=6", "--seed", "1")
@@ -90,7 +95,9 @@ def test_gradient_tuning_finds_anticipation(vsajax, tmp_path):
 
 
 @pytest.mark.cli
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin="tests/tuning/test_golden_runs.py::test_an_unfinished_run_goes_on_to_the_results_that_it_would_have_had"
+)
 def test_sweep_and_montecarlo_run_on_controllers(vsajax, tmp_path):
     swept = vsajax("sweep", DAMPING, "-o", tmp_path / "s", "--scenarios", "4", "--grid", f"{LEAD}=0,0.03", *FEW)
     assert (swept.code, swept.err) == (0, "")
@@ -103,7 +110,12 @@ def test_sweep_and_montecarlo_run_on_controllers(vsajax, tmp_path):
     assert "msrep" not in summary["quantiles"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/tuning/test_golden_runs.py::test_an_unfinished_run_goes_on_to_the_results_that_it_would_have_had",
+        "tests/tuning/test_golden_runs.py::test_a_report_says_what_the_run_found",
+    )
+)
 @pytest.mark.cli
 def test_compare_and_report_run_on_controllers(vsajax, tmp_path):
     tables = resolved(load_study(DAMPING)) | {"controller": {"type": "constant", "stiffness": 1.0}}

@@ -134,7 +134,7 @@ def test_every_documented_command_is_taken(document, vsajax, site, tmp_path, mon
         assert (ended.code, ended.err) == (0, ""), f"{said}\n{ended.err}"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_every_documented_command_is_taken")
 @pytest.mark.cli
 @pytest.mark.parametrize("document", documents(), ids=lambda path: path.name)
 def test_every_documented_command_runs(document, vsajax, site, tmp_path, monkeypatch):

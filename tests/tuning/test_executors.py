@@ -12,6 +12,7 @@ from collections.abc import Callable
 from contextlib import closing
 from importlib import import_module, util
 from pathlib import Path
+from types import SimpleNamespace
 
 import click
 import distributed
@@ -96,8 +97,69 @@ def test_workers_give_the_bytes_of_a_run_in_one_process(planned, straight, tmp_p
     assert workers() == []
 
 
+class Job:
+    """A job as submitit's, of this process: done as soon as it is submitted, and after some chunks."""
+
+    def __init__(self, spec: str, chunks: list[str], folder: Path, most: int):
+        self.paths = SimpleNamespace(stderr=folder / "job.err")
+        self.cancelled = False
+        run_share(spec, chunks[:most], str(folder))
+
+    def done(self) -> bool:
+        return True
+
+    def cancel(self, *, check: bool) -> None:
+        assert not check
+        self.cancelled = True
+
+    def wait(self) -> None:
+        assert self.cancelled
+
+    def exception(self) -> str:
+        return "MemoryError: no room"
+
+
+@pytest.fixture
+def jobs(monkeypatch) -> Callable[[int], list[Job]]:
+    """Return what puts jobs of this process, which end after so many chunks, in the place of SLURM's."""
+    monkeypatch.setattr(work.machine, "start_jax", lambda: None)
+
+    def ending_after(most: int) -> list[Job]:
+        submitted: list[Job] = []
+
+        def submitter(_self: SlurmExecutor, folder: Path):
+            folder.mkdir(parents=True)
+            return lambda spec, chunks: submitted.append(Job(spec, chunks, folder, most)) or submitted[-1]
+
+        monkeypatch.setattr(SlurmExecutor, "_submitter", submitter)
+        return submitted
+
+    return ending_after
+
+
 @pytest.mark.equivalence
-@pytest.mark.slow
+def test_jobs_that_end_early_are_submitted_again_for_what_is_missing(planned, straight, tmp_path, jobs):
+    submitted, run = jobs(5), tmp_path / "run"
+    complete(planned.open(run, resume=False), SlurmExecutor(run / "jobs", 2, "local"), "jobs")
+    assert held_in(run) == straight
+    # Shares of eight chunks each: five, then the other three.
+    assert len(submitted) == 4
+    assert not (run / "jobs").exists()
+
+
+@pytest.mark.failure
+def test_jobs_without_a_chunk_are_given_up_after_three(planned, tmp_path, jobs):
+    submitted, run = jobs(0), tmp_path / "run"
+    store = planned.open(run, resume=False)
+    with pytest.raises(InputError, match="3 jobs in a row ended without a chunk; the last: MemoryError: no room"):
+        complete(store, SlurmExecutor(run / "jobs", 1, "local"), "jobs")
+    assert len(submitted) == 3
+    assert submitted[-1].cancelled
+    assert not (run / "results.parquet").exists()
+
+
+@pytest.mark.equivalence
+@pytest.mark.slow(twin="test_jobs_that_end_early_are_submitted_again_for_what_is_missing")
 @pytest.mark.parametrize("kind", ["dask", "submitit"])
 def test_workers_that_are_killed_cost_nothing_but_time(planned, straight, tmp_path, kind):
     run = tmp_path / kind
@@ -109,7 +171,7 @@ def test_workers_that_are_killed_cost_nothing_but_time(planned, straight, tmp_pa
     assert workers() == []
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_a_scheduler_without_workers_is_waited_for_aloud_and_given_up_as_asked")
 @pytest.mark.equivalence
 def test_a_scheduler_that_runs_already_is_used_and_left_running(planned, straight, tmp_path):
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster:
@@ -120,7 +182,12 @@ def test_a_scheduler_that_runs_already_is_used_and_left_running(planned, straigh
 
 
 @pytest.mark.failure
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "test_jobs_without_a_chunk_are_given_up_after_three",
+        "tests/tuning/test_sweep.py::test_a_run_that_was_cut_off_goes_on_to_the_same_bytes_and_computes_only_what_is_missing",
+    )
+)
 def test_a_chunk_that_ends_every_worker_ends_the_run_which_can_be_resumed(
     planned, straight, tmp_path, monkeypatch
 ):
@@ -235,7 +302,7 @@ def test_patience_counts_from_the_last_worker(monkeypatch):
         pass_time(2.0, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_jobs_without_a_chunk_are_given_up_after_three")
 @pytest.mark.failure
 def test_jobs_that_end_without_a_chunk_are_given_up_and_their_log_is_named(tmp_path):
     spec = json.dumps(
@@ -255,7 +322,7 @@ def test_jobs_that_end_without_a_chunk_are_given_up_and_their_log_is_named(tmp_p
     assert "KeyError: 'nothing'" in Path(mistake.place).read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_jobs_without_a_chunk_are_given_up_after_three")
 def test_closing_an_executor_stops_its_workers(planned, tmp_path):
     store = planned.open(tmp_path / "run", resume=False)
     for executor in (DaskExecutor(2), SlurmExecutor(tmp_path / "jobs", 2, "local")):

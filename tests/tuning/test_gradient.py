@@ -76,7 +76,12 @@ def test_few_residuals_stand_for_all_up_to_the_bounds():
 
 
 @pytest.mark.structure
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/vsajax/test_sensitivity.py::test_normal_equations_are_those_of_the_full_jacobian",
+        "tests/vsajax/test_rollout.py::test_reverse_memory_grows_with_the_root_of_the_length",
+    )
+)
 def test_memory_grows_neither_with_the_recordings_nor_with_the_residuals():
     def temporary(duration: float) -> int:
         tuner = Search(tiny_tuning(f"clock.duration={duration}", "scenarios.train=4"), "gradient").tuner
@@ -88,7 +93,7 @@ def test_memory_grows_neither_with_the_recordings_nor_with_the_residuals():
 
 
 @pytest.mark.gradient
-@pytest.mark.parametrize("algorithm", [pytest.param("levenberg-marquardt", marks=pytest.mark.slow), "bfgs"])
+@pytest.mark.parametrize("algorithm", ["levenberg-marquardt", pytest.param("bfgs", marks=pytest.mark.slow)])
 def test_every_algorithm_leads_down_within_the_bounds(algorithm):
     study = tiny_tuning("clock.duration=1.0", "tune.max_steps=30")
     search = Search(study, "gradient", algorithm)

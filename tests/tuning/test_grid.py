@@ -90,7 +90,12 @@ def test_a_grid_with_one_motion_is_the_loop(shared_motion):
 
 
 @pytest.mark.equivalence
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "test_a_grid_with_one_motion_is_the_loop",
+        "tests/tuning/test_montecarlo.py::test_a_scenario_is_its_robot_alone",
+    )
+)
 def test_a_grid_whose_scenarios_move_differently_is_the_loop():
     problem = EstimationProblem(small_sea(), tuple(OWN_MOTION))
     grid = Grid(problem, OWN_MOTION, SCENARIOS)

@@ -99,7 +99,9 @@ def wait_for(process: subprocess.Popen[str], run: Path, chunks: int) -> None:
     assert len(finished_in(run)) < POINTS
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin="tests/tuning/test_sweep.py::test_a_run_that_was_cut_off_goes_on_to_the_same_bytes_and_computes_only_what_is_missing"
+)
 @pytest.mark.cli
 @pytest.mark.equivalence
 def test_a_sweep_that_is_interrupted_and_killed_ends_with_the_same_bytes(tmp_path):
@@ -147,7 +149,12 @@ LASTING = ("--scenarios", "512", "--set", "clock.duration=4.0")
 
 @pytest.mark.cli
 @pytest.mark.equivalence
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/tuning/test_executors.py::test_workers_give_the_bytes_of_a_run_in_one_process",
+        "tests/tuning/test_executors.py::test_an_interrupt_while_workers_start_is_neither_lost_nor_theirs",
+    )
+)
 @pytest.mark.parametrize("chunks", [0, 1])
 def test_workers_stop_with_a_sweep_that_is_interrupted_and_one_that_goes_on_gives_the_same_bytes(tmp_path, chunks):
     straight = start(tmp_path / "straight", *LASTING, "--quiet")
@@ -172,7 +179,12 @@ def test_workers_stop_with_a_sweep_that_is_interrupted_and_one_that_goes_on_give
 
 
 @pytest.mark.cli
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/tuning/test_executors.py::test_workers_give_the_bytes_of_a_run_in_one_process",
+        "tests/tuning/test_executors.py::test_an_interrupt_while_workers_start_is_neither_lost_nor_theirs",
+    )
+)
 def test_workers_do_not_outlive_a_sweep_that_is_killed(tmp_path):
     killed = start(tmp_path / "run", *LASTING, "--workers", 2)
     wait_for(killed, tmp_path / "run", 1)
@@ -192,7 +204,9 @@ def wait_until_gone(group: int) -> None:
 
 @pytest.mark.cli
 @pytest.mark.equivalence
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin="tests/tuning/test_sweep.py::test_a_run_that_was_cut_off_goes_on_to_the_same_bytes_and_computes_only_what_is_missing"
+)
 def test_a_sweep_killed_at_any_instant_leaves_a_folder_that_can_be_resumed(tmp_path):
     def in_one_go(name: str) -> float:
         begun = time.monotonic()

@@ -132,7 +132,12 @@ def test_steps_are_enough_for_the_stiffest_of_the_robots():
     assert population >= 8 * own
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/tuning/test_robustness.py::test_quantile_intervals_cover_whatever_the_distribution",
+        "tests/tuning/test_robustness.py::test_probability_has_the_clopper_pearson_interval",
+    )
+)
 @pytest.mark.statistical
 def test_intervals_of_small_studies_cover_the_value_of_a_large_one():
     failing = "population.failures={bad='msrep > 89'}"

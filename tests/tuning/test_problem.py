@@ -53,7 +53,7 @@ def test_integration_steps_keep_every_position_within_the_tolerance(tolerance):
         np.testing.assert_allclose(getattr(motion, name), getattr(exact, name), rtol=0.0, atol=tolerance)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_integration_steps_keep_every_position_within_the_tolerance")
 def test_a_tighter_tolerance_and_a_stiffer_moment_ask_for_more_steps():
     tight, mild, strong = (
         EstimationProblem(small_serial(*settings)).substeps

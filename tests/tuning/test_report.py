@@ -472,8 +472,9 @@ def diverged(folder):
     reseal_results(folder, table)
 
 
-@pytest.mark.parametrize("command", ["montecarlo", "sweep", "compare"])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command", ["sweep", *(pytest.param(c, marks=pytest.mark.slow) for c in ("montecarlo", "compare"))]
+)
 def test_a_run_without_any_score_is_reported_on_all_the_same(command, runs, tmp_path, vsajax):
     copied = shutil.copytree(runs / command, tmp_path / "run")
     diverged(copied)

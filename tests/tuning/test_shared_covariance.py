@@ -44,7 +44,7 @@ def work_of_grid(problem: EstimationProblem, axes, scenarios: int) -> int:
     return work(grid.program, *grid.arguments(grid.outer_points))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/vsajax/test_compiled.py::test_covariance_is_shared_by_what_only_touches_the_torque")
 @pytest.mark.structure
 def test_gains_and_noise_draws_share_the_covariance_and_priors_do_not(problem):
     single = work_of_grid(problem, {GAIN: GAINS[:1], PRIOR: PRIORS}, 1)

@@ -21,7 +21,7 @@ def start_of(number: int) -> list[str]:
     return [f"{path}={float(b.low * (b.high / b.low) ** share)!r}" for (path, b), share in places]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/tuning/test_gradient.py::test_every_algorithm_leads_down_within_the_bounds")
 @pytest.mark.statistical
 @pytest.mark.parametrize("number", range(STARTS))
 def test_tuning_reaches_a_quarter_of_a_percent_on_unseen_noise_from_any_start(number, tmp_path):

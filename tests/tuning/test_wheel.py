@@ -62,7 +62,7 @@ def test_what_a_wheel_holds_is_enough_away_from_the_checkout(laid_out, tmp_path)
     assert Path(configs).is_relative_to(laid_out)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_what_a_wheel_holds_is_enough_away_from_the_checkout")
 @pytest.mark.cli
 def test_a_wheel_is_built_installed_and_used(tmp_path):
     wheels, elsewhere, bare = tmp_path / "wheels", tmp_path / "elsewhere", tmp_path / "bare"

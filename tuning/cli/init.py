@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +43,8 @@ def init(
     if kind == "map":
         _init_map(file, output, as_json=as_json, quiet=quiet)
         return
+    import tomllib
+
     from tuning.files.errors import input_error
     from tuning.files.shipped import find_shipped
     from tuning.files.whole import write_text

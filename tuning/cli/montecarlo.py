@@ -181,7 +181,7 @@ def _tell(told: Told, folder: Path, *, as_json: bool, quiet: bool) -> None:
 
 
 def _bracketed(unit: str) -> str:
-    return f" [{unit.strip()}]" if unit else ""
+    return f" [{unit}]" if unit else ""
 
 
 def _quantile(q: Interval) -> str:
@@ -198,11 +198,11 @@ def _number(value: float) -> str:
 
 
 def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures: list[Any]) -> str:
-    from tuning.study.scores import SCORES, unit_of
+    from tuning.study.scores import SCORES
 
     levels = list(next(iter(summary.quantiles.values())))
     rows = [
-        [f"{metric}{_bracketed(unit_of(metric))}", *map(_quantile, quantiles.values())]
+        [f"{metric}{_bracketed(SCORES[metric].unit)}", *map(_quantile, quantiles.values())]
         for metric, quantiles in summary.quantiles.items()
         if SCORES[metric].is_shown
         if any(q.value == q.value for q in quantiles.values())

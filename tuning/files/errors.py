@@ -21,6 +21,15 @@ def printable(text: str) -> str:
     return "".join(letter.encode("unicode_escape").decode() if is_unseen(letter) else letter for letter in text)
 
 
+_LONGEST = 2000
+"""Characters of what is said of one mistake; somebody else's file may hold a text of megabytes."""
+
+
+def shortened(text: str) -> str:
+    """Return a text, or the beginning and the end of one that nobody would read."""
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
+
+
 @dataclass(frozen=True)
 class Mistake:
     """One mistake in a user's input.
@@ -36,8 +45,8 @@ class Mistake:
     fix: str = ""
 
     def __str__(self) -> str:
-        text = printable(f"{self.place}: {self.problem}")
-        return f"{text}\n    fix: {printable(self.fix)}" if self.fix else text
+        text = printable(shortened(f"{self.place}: {self.problem}"))
+        return f"{text}\n    fix: {printable(shortened(self.fix))}" if self.fix else text
 
 
 class InputError(ValueError):

@@ -63,7 +63,8 @@ def read_text(path: Path) -> str:
         best = "best.toml" if (source / "best.toml").is_file() else None
         raise input_error(path, "is a directory", f"did you mean {path / best}?" if best else "name a file in it")
     try:
-        text = source.read_text(encoding="utf-8")
+        # Some editors put a mark of the encoding in front.
+        text = source.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1)
         hint = f"did you mean {path.parent / near[0]}?" if near else "check the path"

@@ -27,7 +27,9 @@ def serial(problem, q):
     return ((design.active + 0.3 * design.passive) / size).sum() + design.scale, design
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin="tests/vsajax/control/test_stiffness_design.py::test_a_derivative_is_the_slope_of_the_design"
+)
 @pytest.mark.gradient
 @pytest.mark.parametrize(
     ("loss", "settings"),

@@ -264,7 +264,7 @@ def test_a_preset_of_an_arm_is_opened_too(vsajax, own, tmp_path):
     assert vsajax("check", preset).code == 0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_a_small_arm_of_a_urdf_goes_through_every_command_under_its_joints_names")
 @pytest.mark.cli
 @pytest.mark.parametrize("source", ["preset", "urdf"])
 def test_an_arm_goes_through_the_whole_pipeline(source, vsajax, study, tmp_path):

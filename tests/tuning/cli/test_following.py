@@ -154,7 +154,12 @@ def test_paths_are_quoted_for_the_shell(tmp_path):
     assert fresh(odd).name == "it's; a $(robot)-2.toml"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "test_from_a_new_study_each_line_leads_to_the_next",
+        "test_a_sweep_leaves_its_winner_to_the_last_bit_for_what_follows",
+    )
+)
 @pytest.mark.cli
 def test_every_other_command_leads_on_too(vsajax, here):
     study = "my study.toml"

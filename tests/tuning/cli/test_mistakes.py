@@ -204,7 +204,12 @@ def test_steps_too_coarse_for_the_joint_are_refused(refused):
     assert "allowed: at least" in message
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/tuning/test_store.py::test_a_full_disk_leaves_a_chunk_pending_and_no_scraps",
+        "tests/tuning/test_store.py::test_a_text_that_cannot_be_written_leaves_the_old_one_and_no_scraps",
+    )
+)
 @pytest.mark.failure
 @pytest.mark.cli
 def test_a_full_disk_ends_with_2_and_leaves_no_half_of_a_file(vsajax, monkeypatch, tmp_path):

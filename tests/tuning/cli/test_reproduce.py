@@ -9,7 +9,7 @@ import pytest
 KEYS = {"name", "printed", "measured", "unit", "low", "high", "ok", "note"}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/tuning/test_papers.py::test_rows_that_cost_little_hold")
 @pytest.mark.cli
 @pytest.mark.statistical
 def test_the_serial_paper_is_reproduced_with_its_figures(vsajax, tmp_path):
@@ -35,7 +35,12 @@ def test_the_serial_paper_is_reproduced_with_its_figures(vsajax, tmp_path):
             assert picture.read(4) == b"\x89PNG"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/tuning/test_papers.py::test_rows_that_cost_little_hold",
+        "tests/tuning/test_papers.py::test_the_duel_claims_what_its_cells_show_and_nothing_else",
+    )
+)
 @pytest.mark.cli
 @pytest.mark.parametrize(
     ("paper", "words", "pictures"),

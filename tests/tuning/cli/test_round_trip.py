@@ -69,7 +69,7 @@ def test_a_new_study_goes_where_it_is_told(vsajax, tmp_path):
 
 
 @pytest.mark.cli
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/tuning/cli/test_following.py::test_machines_and_the_quiet_are_told_no_next_command")
 def test_who_wants_quiet_is_told_nothing(vsajax, tmp_path):
     for words in (
         ("check", SERIAL),
@@ -211,7 +211,12 @@ def test_a_sweep_is_forecast_run_and_reported(vsajax, tiny, tmp_path, monkeypatc
     assert "go on with --resume" in vsajax(*words).err
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/tuning/test_golden_runs.py::test_a_finished_run_stays_as_it_is_to_the_bit",
+        "tests/tuning/test_golden_runs.py::test_the_best_of_a_run_is_checked_simulated_and_exported",
+    )
+)
 @pytest.mark.cli
 def test_a_study_is_tuned_and_the_best_is_exported(vsajax, tiny, tmp_path, monkeypatch):
     words = ("tune", tiny, "-o", tmp_path / "tune", "--starts", "1", "--budget", "2")

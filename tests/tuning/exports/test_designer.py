@@ -72,7 +72,12 @@ def test_a_small_rotation_is_its_vector():
     np.testing.assert_allclose(moved, arm.jacobian(position) @ turn, atol=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "test_a_cycle_is_the_design_of_the_lab_and_the_controller_of_the_loop",
+        "tests/vsajax/control/test_stiffness_design.py::test_what_has_no_answer_says_so",
+    )
+)
 def test_the_golden_path_meets_bounds_a_singular_pose_and_refusals():
     deployable = deployable_of(load_arm_study(ARM), str(ARM))
     columns, _ = deployable.simulate(4.0)
@@ -109,7 +114,7 @@ def test_ranges_are_those_of_the_study_file():
     assert deployable.range(("arm", "offsets")) == Range(-1e3, 1e3)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/tuning/exports/test_families.py::test_every_format_of_every_family_holds")
 @needs_compiler
 @pytest.mark.cli
 def test_an_arm_is_exported_and_checked(vsajax, tmp_path):
@@ -136,7 +141,7 @@ def test_an_arm_is_exported_and_checked(vsajax, tmp_path):
 @needs_compiler
 @pytest.mark.cli
 @pytest.mark.equivalence
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/tuning/exports/test_families.py::test_every_format_of_every_family_holds")
 @pytest.mark.parametrize("target", TARGETS)
 def test_every_format_of_a_seven_joint_arm_holds(vsajax, target, tmp_path):
     ended = vsajax("export", ARM, "--to", target, "-o", tmp_path, "--check", *words(SEVEN))

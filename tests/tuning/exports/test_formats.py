@@ -67,7 +67,7 @@ def test_an_fmu_is_complete_and_was_run(vsajax, tmp_path):
     assert_complete(exported(vsajax, "fmi2", tmp_path, "--duration", "0.1"), tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/tuning/exports/test_families.py::test_every_format_of_every_family_holds")
 @needs_compiler
 @pytest.mark.cli
 @pytest.mark.equivalence
@@ -78,7 +78,7 @@ def test_a_pair_with_the_outputs_of_both_sides_passes_the_quick_check_of_its_c(v
     assert {line.split()[0] for line in ended.stdout.splitlines()} == {"passed"}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/tuning/exports/test_families.py::test_every_format_of_every_family_holds")
 @needs_compiler
 @pytest.mark.cli
 @pytest.mark.equivalence
@@ -96,7 +96,7 @@ def test_every_format_of_every_joint_holds_over_ten_seconds(vsajax, target, join
     assert vsajax("export", tmp_path, "--check").code == 0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="tests/tuning/exports/test_fmi.py::test_before_the_first_step_it_answers_as_at_rest")
 @needs_compiler
 @pytest.mark.cli
 @pytest.mark.equivalence

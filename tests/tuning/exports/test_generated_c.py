@@ -166,7 +166,12 @@ PARTS = {
 @needs_compiler
 @pytest.mark.equivalence
 @pytest.mark.contract
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "test_c_answers_as_jax_does",
+        "tests/tuning/exports/test_families.py::test_every_format_of_every_family_holds",
+    )
+)
 @pytest.mark.parametrize("name", [*ESTIMATORS, *PARTS])
 def test_every_estimator_and_part_is_the_same_in_c(name, tmp_path):
     estimator = (ESTIMATORS | PARTS)[name]

@@ -100,7 +100,12 @@ def test_every_run_of_every_spring_is_a_line_or_is_said_to_be_none():
 
 @pytest.mark.real
 @pytest.mark.cli
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "test_every_run_of_every_spring_is_a_line_or_is_said_to_be_none",
+        "test_the_hebi_log_has_the_stiffness_its_maker_set",
+    )
+)
 @pytest.mark.skipif(
     not TREGEAR.is_file(), reason=f"the SEA recordings may not be shipped and are not in {TREGEAR}"
 )

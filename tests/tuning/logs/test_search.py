@@ -69,7 +69,7 @@ def test_mistakes_are_named_and_nothing_is_written(vsajax, tmp_path, change, wor
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_a_motors_inertia_and_damping_are_found_and_judged_on_what_was_not_tuned_on")
 @pytest.mark.real
 @pytest.mark.cli
 @pytest.mark.skipif(
@@ -100,7 +100,7 @@ def test_from_voltage_and_hub_encoder_alone_the_residual_is_the_flexible_links_d
 
 @pytest.mark.real
 @pytest.mark.cli
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_a_motors_inertia_and_damping_are_found_and_judged_on_what_was_not_tuned_on")
 @pytest.mark.skipif(not PENDULUM.is_file(), reason=f"DFKI's recording is not in {PENDULUM}")
 def test_a_rigid_joint_shows_nothing_beyond_its_stated_noise_floor(vsajax, tmp_path):
     study, run = CONFIGS / "log_studies" / "dfki_pendulum.toml", tmp_path / "run"

@@ -264,7 +264,7 @@ def test_a_simulated_recording_makes_no_warning(case, tmp_path):
         assert not [s for s in said if "a line explains" in s or "ONE STIFFNESS" in s]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_a_simulated_recording_makes_no_warning")
 @pytest.mark.parametrize("seed", range(1, 21))
 @pytest.mark.parametrize("case", SIMULATED)
 def test_no_simulated_recording_makes_a_warning(case, seed, tmp_path):

@@ -56,7 +56,9 @@ def search(arm):
     return run
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin="tests/tuning/cli/test_arms.py::test_a_small_arm_of_a_urdf_goes_through_every_command_under_its_joints_names"
+)
 @pytest.mark.oracle
 def test_searches_find_the_best_of_the_self_motion_and_hold_the_hand(search):
     rng = np.random.default_rng(0)

@@ -117,14 +117,32 @@ def test_fresh_problems_are_optimal_and_no_worse_than_bvls(family):
     check_against_bvls(family, 2048, 100)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_fresh_problems_are_optimal_and_no_worse_than_bvls")
 @pytest.mark.oracle
 @pytest.mark.parametrize("family", FRESH)
 def test_ten_thousand_fresh_problems_are_optimal_and_no_worse_than_bvls(family):
     check_against_bvls(family, 10_000, 10_000)
 
 
-@pytest.mark.slow
+@pytest.mark.gradient
+def test_a_derivative_is_the_slope_of_the_design():
+    # Two joints in a plane; nothing changes sides within the step.
+    jacobian, direction = jnp.array([[-0.3, -0.2], [0.4, 0.1]]), jnp.array([[0.1, -0.2], [0.3, 0.2]])
+    stiffness, bounds = jnp.diag(jnp.array([150.0, 200.0])), StiffnessBounds(jnp.full(2, 5.0), jnp.full(2, 500.0))
+    designer = StiffnessDesigner(2000.0)
+
+    def loss(step):
+        found = designer.design(jacobian + step * direction, stiffness, bounds)
+        return ((found.active + 0.3 * found.passive) / found.desired[0, 0]).sum()
+
+    slope, (before, after) = jax.jit(lambda step: (jax.jacfwd(loss)(0.0), jax.lax.map(loss, step)))(
+        jnp.array([-1e-5, 1e-5])
+    )
+    assert abs(float(slope)) > 0.1
+    assert float(slope) == pytest.approx(float(after - before) / 2e-5, rel=1e-6)
+
+
+@pytest.mark.slow(twin="test_a_derivative_is_the_slope_of_the_design")
 @pytest.mark.gradient
 def test_derivatives_agree_with_finite_differences_at_300_random_poses():
     # Central differences of a loss of all stages; poses where a bound or an eigenvalue changes sides within the
@@ -202,7 +220,7 @@ def test_what_has_no_answer_says_so(change, status):
     assert np.isnan(found.passive_stiffness).all() == (refused or status == Status.SINGULAR)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_fresh_problems_are_optimal_and_no_worse_than_bvls")
 @pytest.mark.equivalence
 def test_a_batch_is_its_problems_one_by_one():
     lanes = list(fresh("7x6", 5, 11))

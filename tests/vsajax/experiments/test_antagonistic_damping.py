@@ -91,7 +91,7 @@ def test_estimators_whose_springs_cannot_be_read_off_are_refused():
         eqx.tree_at(lambda own: own.estimator, loop(), pair).__check_init__()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_springs_that_are_learnt_give_what_is_asked_for")
 @pytest.mark.analytic
 def test_a_wrong_belief_costs_and_the_score_says_how_good_the_estimate_was():
     score = jax.jit(lambda own: antagonistic_damping.score(own, key=KEY))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -61,7 +62,31 @@ def loop_of(arm, t1, posture, sweeps, *, gravity: bool, view, posture_stiffness=
 RUN = eqx.filter_jit(arm_loop.equilibria)
 
 
-@pytest.mark.slow
+@eqx.filter_jit
+def slopes_at_rest(loop, posture):
+    """Return what is not balanced at rest, its slope by all positions, and the hand's Jacobian."""
+    at_rest = loop.rest(posture)
+
+    def unbalanced(positions):
+        return loop.unbalanced(positions, jnp.zeros(3), at_rest)
+
+    positions = jnp.concatenate([at_rest.link_position, at_rest.motor_position])
+    return unbalanced(positions), jax.jacfwd(unbalanced)(positions), loop.plant.arm.position_jacobian(posture)
+
+
+@pytest.mark.analytic
+@pytest.mark.parametrize(("view", "gravity"), [("motor", False), ("shifted", True)])
+def test_a_hand_at_rest_has_the_stiffness_of_the_reference(view, gravity, arm, t1, posture, sweeps):
+    loop = loop_of(arm, t1, posture, sweeps, gravity=gravity, view=view)
+    error, slope, jacobian = map(np.asarray, slopes_at_rest(loop, posture))
+    assert np.abs(error).max() < 1e-9
+    # A force enters by the links' Jᵀ F alone.
+    moved = np.linalg.solve(slope, -np.concatenate([jacobian.T, np.zeros_like(jacobian.T)]))[:4]
+    expected = sweeps["grav_shift_K0"] if gravity else t1["t1_Ks"]
+    np.testing.assert_allclose(np.linalg.inv(jacobian @ moved), expected, atol=1e-3)
+
+
+@pytest.mark.slow(twin="test_a_hand_at_rest_has_the_stiffness_of_the_reference")
 @pytest.mark.analytic
 def test_the_hand_has_the_stiffness_that_was_designed(arm, t1, posture, sweeps):
     # Read back as dF/dx from the closed loop of motors, springs and controller, then along the reference's sweep;
@@ -79,13 +104,14 @@ def test_the_hand_has_the_stiffness_that_was_designed(arm, t1, posture, sweeps):
     assert np.isnan(found.stiffness[21]).all()
 
 
+@pytest.mark.slow(twin="test_a_hand_at_rest_has_the_stiffness_of_the_reference")
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("view", "name"),
     [
-        pytest.param("quasi_static", "grav_qbar_qbar_link_K0", marks=pytest.mark.slow),
-        pytest.param("shifted", "grav_shift_K0", marks=pytest.mark.slow),
-        pytest.param("motor", "grav_const_theta_K0", marks=pytest.mark.slow),
+        ("quasi_static", "grav_qbar_qbar_link_K0"),
+        ("shifted", "grav_shift_K0"),
+        ("motor", "grav_const_theta_K0"),
     ],
 )
 def test_under_gravity_the_view_of_the_controller_decides(view, name, arm, t1, posture, sweeps):
@@ -110,7 +136,12 @@ def energy(loop, motion):
     return spring.sum() + 0.5 * (offset @ control.stiffness @ offset + kinetic)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "test_the_damping_gives_every_mode_the_ratio_asked",
+        "tests/vsajax/arms/test_bodies.py::test_the_torques_of_motion_are_those_of_christoffel",
+    )
+)
 @pytest.mark.analytic
 def test_the_loop_keeps_its_energy_without_damping_and_loses_it_with(arm, t1, posture, sweeps):
     # Pushed for 20 ms, then left alone. Without a posture stiffness, whose projection has no potential, the
