@@ -64,8 +64,9 @@ def check_part(part: type[Part], tables: Mapping[str, Any], *, slot: str | None 
     assert part.model_validate(table.model_dump(exclude_none=True)) == table, f"{name}: a dump is another table"
     written = tomllib.loads(to_toml(table.model_dump(exclude_none=True)))
     assert part.model_validate(written) == table, f"{name}: written as TOML and read it is another table"
+    _check_fields(table)
     built = build(table)
-    _check_fields(table, built, tables)
+    _check_leaves(table, built, tables)
     where = _slot_of(part) if slot is None else slot
     if where is None:
         return
@@ -100,20 +101,25 @@ def _check_ranges(part: type[Part]) -> None:
         low = -math.inf if allowed.low is None else allowed.low
         high = math.inf if allowed.high is None else allowed.high
         assert low < high, f"{where}: nothing is allowed: {allowed.text}"
-        assert not field.is_required() or field.default is not None
         if not field.is_required() and isinstance(field.default, int | float):
             assert math.isfinite(field.default), f"{where}: its default is not finite"
             assert low <= field.default <= high, f"{where}: its default {field.default} is not allowed"
 
 
-def _check_fields(table: Part, built: Any, given: Mapping[str, Any]) -> None:
-    part, cls = type(table), table.target.load()
-    name = part.__name__
-    assert type(built) is cls, f"{name}: builds a {type(built).__name__}, not the {cls.__name__} that target names"
-    fields = {field.name for field in dataclasses.fields(built)}
+def _check_fields(table: Part) -> None:
+    name, cls = type(table).__name__, table.target.load()
+    fields = {field.name for field in dataclasses.fields(cls)}
     assert fields == table.arguments().keys(), (
         f"{name}: has {sorted(table.arguments())}, its class {sorted(fields)}"
     )
+    for inner in parts_in(table):
+        assert inner.target.is_whole, f"{type(inner).__name__}: target is not of the form package.module:Name"
+
+
+def _check_leaves(table: Part, built: Any, given: Mapping[str, Any]) -> None:
+    part, cls = type(table), table.target.load()
+    name = part.__name__
+    assert type(built) is cls, f"{name}: builds a {type(built).__name__}, not a {cls.__name__}, as target says"
     if not table.files:
         plain = cls(**{key: build(getattr(table, key)) for key in given if key != "type"})
         assert eqx.tree_equal(built, plain), f"{name}: what it leaves out is not what its class leaves out"
@@ -123,8 +129,6 @@ def _check_fields(table: Part, built: Any, given: Mapping[str, Any]) -> None:
         assert not leaf.weak_type, f"{name}: a number is weakly typed; use the converter vsajax.types.as_leaf"
     loose = {field.name for field in dataclasses.fields(built) if isinstance(getattr(built, field.name), float)}
     assert part.static == loose, f"{name}: static says {sorted(part.static)}; no leaves are {sorted(loose)}"
-    for inner in parts_in(table):
-        assert inner.target.is_whole, f"{type(inner).__name__}: target is not of the form package.module:Name"
 
 
 def _check_function(name: str, built: Any, probe: Probe) -> None:

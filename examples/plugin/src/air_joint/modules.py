@@ -116,14 +116,14 @@ class StaticTorque(AbstractTorqueSource):
 
 
 class SlopeState(NamedTuple):
-    """Moving means of the deflection, the torque, and of their products; and how much of them is there yet."""
+    """How much is remembered, and of that the means, variances and covariance of deflection and torque."""
 
     weight: Scalar
     deflection: Scalar
     torque: Scalar
-    square: Scalar
-    product: Scalar
-    torque_square: Scalar
+    deflection_variance: Scalar
+    torque_variance: Scalar
+    covariance: Scalar
 
 
 class SlopeEstimator(AbstractEstimator):
@@ -151,16 +151,19 @@ class SlopeEstimator(AbstractEstimator):
         torque = sample.read("elastic_torque")
         deflection = sample.read("link_position") - sample.read("motor_position")
         kept = jnp.exp(-sample.dt / self.memory)
-        new = (jnp.ones_like(torque), deflection, torque, deflection**2, deflection * torque, torque**2)
-        state = SlopeState(*(kept * old + (1.0 - kept) * one for old, one in zip(state, new, strict=True)))
-        mean, torque_mean = safe_divide(state.deflection, state.weight), safe_divide(state.torque, state.weight)
-        variance = jnp.maximum(safe_divide(state.square, state.weight) - mean**2, 0.0)
-        covariance = safe_divide(state.product, state.weight) - mean * torque_mean
-        torque_variance = jnp.maximum(safe_divide(state.torque_square, state.weight) - torque_mean**2, 0.0)
+        weight = kept * state.weight + (1.0 - kept)
+        share = safe_divide(1.0 - kept, weight)
+        # Deviations from the means before the sample: after one sample the variances are 0, to the last bit.
+        away, torque_away = deflection - state.deflection, torque - state.torque
+        mean, torque_mean = state.deflection + share * away, state.torque + share * torque_away
+        variance = (1.0 - share) * (state.deflection_variance + share * away * away)
+        torque_variance = (1.0 - share) * (state.torque_variance + share * torque_away * torque_away)
+        covariance = (1.0 - share) * (state.covariance + share * away * torque_away)
         slope = safe_divide(covariance, variance)
         left = jnp.maximum(torque_variance - slope * covariance, 0.0)
         std = safe_sqrt(safe_divide(left, variance))
         zero = jnp.zeros_like(slope)
         signals = Signals(deflection, torque, zero, zero, zero)
         known = variance > self.least_range**2
+        state = SlopeState(weight, mean, torque_mean, variance, torque_variance, covariance)
         return state, Estimate(slope, std, torque_mean + slope * (deflection - mean), known, signals)
