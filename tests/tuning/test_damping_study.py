@@ -77,7 +77,7 @@ def test_simulate_writes_what_the_link_did(vsajax, tmp_path):
 
 @pytest.mark.slow(
     twin=(
-        "tests/vsajax/test_closed_loop.py::test_log_energy_in_lead_slope_and_sharpness_matches_finite_differences",
+        "tests/vsajax/experiments/test_damping.py::test_log_energy_in_lead_slope_and_sharpness_matches_finite_differences",
         "tests/tuning/test_golden_runs.py::test_a_finished_run_stays_as_it_is_to_the_bit",
     )
 )

@@ -44,7 +44,7 @@ def test_what_a_document_imports_is_there(name):
                 assert hasattr(module, alias.name) or importlib.import_module(f"{node.module}.{alias.name}")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_what_a_document_imports_is_there")
 @each
 def test_the_python_of_a_document_runs(name, tmp_path):
     for shared in ("tests", "configs"):

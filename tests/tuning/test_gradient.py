@@ -78,8 +78,8 @@ def test_few_residuals_stand_for_all_up_to_the_bounds():
 @pytest.mark.structure
 @pytest.mark.slow(
     twin=(
-        "tests/vsajax/test_sensitivity.py::test_normal_equations_are_those_of_the_full_jacobian",
-        "tests/vsajax/test_rollout.py::test_reverse_memory_grows_with_the_root_of_the_length",
+        "tests/vsajax/rollout/test_sensitivity.py::test_normal_equations_are_those_of_the_full_jacobian",
+        "tests/vsajax/rollout/test_loops.py::test_reverse_memory_grows_with_the_root_of_the_length",
     )
 )
 def test_memory_grows_neither_with_the_recordings_nor_with_the_residuals():

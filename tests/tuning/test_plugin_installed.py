@@ -16,10 +16,15 @@ from tests.tuning.plugin import ROOT, STUDY, wheel_of_example
 SHORT = ("--set", "clock.duration=1.0", "--set", "scorer.warm_up=0.5")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    twin=(
+        "tests/tuning/test_plugins.py::test_what_uses_a_plug_in_is_simulated_and_exported",
+        "tests/tuning/test_plugins.py::test_a_dask_worker_computes_with_a_plug_in",
+    )
+)
 @pytest.mark.cli
 def test_an_installed_package_is_used_by_every_method(tmp_path):
-    # Its fast twin is test_plugins.py, which runs it in this process and without an installation.
+    # Its fast twins run the same package in this process and without an installation.
     bare, elsewhere = tmp_path / "bare", tmp_path / "elsewhere"
     elsewhere.mkdir()
     venv.create(bare, with_pip=True)

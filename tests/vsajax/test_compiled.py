@@ -133,7 +133,7 @@ def test_cost_grows_with_the_gain_axis_not_with_the_product(golden):
     assert many / few < 34 / 2 / 3
 
 
-@pytest.mark.slow(twin="tests/vsajax/test_rollout.py::test_reverse_memory_grows_with_the_root_of_the_length")
+@pytest.mark.slow(twin="tests/vsajax/rollout/test_loops.py::test_reverse_memory_grows_with_the_root_of_the_length")
 def test_reverse_gradient_fits_in_memory():
     samples, lanes = 10_000, 256
     shapes, axes = abstract_recording(samples, lanes)

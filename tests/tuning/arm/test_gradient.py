@@ -28,7 +28,7 @@ def serial(problem, q):
 
 
 @pytest.mark.slow(
-    twin="tests/vsajax/control/test_stiffness_design.py::test_a_derivative_is_the_slope_of_the_design"
+    twin="tests/vsajax/compliance/test_stiffness_design.py::test_a_derivative_is_the_slope_of_the_design"
 )
 @pytest.mark.gradient
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_a_small_rotation_is_its_vector():
 @pytest.mark.slow(
     twin=(
         "test_a_cycle_is_the_design_of_the_lab_and_the_controller_of_the_loop",
-        "tests/vsajax/control/test_stiffness_design.py::test_what_has_no_answer_says_so",
+        "tests/vsajax/compliance/test_stiffness_design.py::test_what_has_no_answer_says_so",
     )
 )
 def test_the_golden_path_meets_bounds_a_singular_pose_and_refusals():
