@@ -60,8 +60,8 @@ def contest(
     from tuning.study.loading import load_study
 
     loaded = load_study(study, with_seed(settings, seed))
-    from tuning.kinds.needs import of_base, of_held_out, of_trials
     from tuning.runs.machine import start_jax
+    from tuning.scoring.needs import of_base, of_held_out, of_trials
     from tuning.study.choices import combinations
     from tuning.study.limits import require
 
@@ -131,8 +131,8 @@ def compare(
         raise click.UsageError(f"{twice[0]} is named twice: a configuration is compared with others")
     loaded = load_study(study, with_seed(own, seed))
     studies = contenders({str(path): load_config(path) for path in configs}, loaded, str(study))
-    from tuning.kinds.needs import of_base, of_held_out
     from tuning.runs.machine import start_jax
+    from tuning.scoring.needs import of_base, of_held_out
     from tuning.study.limits import require
 
     place = f"{study}: scenarios.held_out" if scenarios is None else "--scenarios"

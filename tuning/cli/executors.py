@@ -44,7 +44,7 @@ def machines_of(executor: str | None, workers: int | None, scheduler: str | None
 
 def needs_of_workers(executor: str | None, workers: int | None) -> list[Need]:
     """Return what processes on this machine need, where the options start any."""
-    from tuning.kinds.needs import of_workers
+    from tuning.scoring.needs import of_workers
 
     return [of_workers(workers, "--workers")] if workers and executor in {None, "dask"} else []
 

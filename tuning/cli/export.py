@@ -89,8 +89,8 @@ def export(
     loaded = load(config, settings, *exported_files(), unused=("sweep", "tune"))
     if recording is not None:
         refuse_given("does not go with --recording, which has a length of its own", "duration")
-    from tuning.kinds.needs import of_export
     from tuning.runs.machine import start_jax
+    from tuning.scoring.needs import of_export
     from tuning.study.limits import require
 
     require(*of_export(loaded, 0.0 if recording else duration, str(config), "--duration"))

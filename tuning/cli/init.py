@@ -143,7 +143,7 @@ def check(study: Path, settings: tuple[str, ...], as_json: bool, quiet: bool) ->
 
 def _needs_of(config: Table, place: str) -> list[Need]:
     """Return what a file asks for by itself, whichever command it is given to."""
-    from tuning.kinds import needs
+    from tuning.scoring import needs
     from tuning.study.base import Config, Study
 
     if isinstance(config, Study):

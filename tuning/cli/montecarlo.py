@@ -104,8 +104,8 @@ def montecarlo(
         raise input_error("--sensitivity", f"got {sensitivity}", f"allowed: powers of two, e.g. {below}")
     if dry_run:
         refuse_given("does not go with --dry-run, which scores nothing", "resume", "worst", "target", "precision")
-    from tuning.kinds.needs import of_base, of_design, of_population, require_drawable
     from tuning.runs.machine import start_jax
+    from tuning.scoring.needs import of_base, of_design, of_population, require_drawable
     from tuning.study.limits import require
 
     machines = machines_of(executor, workers, scheduler)

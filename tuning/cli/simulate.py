@@ -52,8 +52,8 @@ def simulate(
     if draw is None or not isinstance(loaded, Timed):
         raise InputError(lacking(str(study), loaded, "signals over time"))
     table_suffix(output)
-    from tuning.kinds.needs import of_recording, require_drawable
     from tuning.runs.machine import start_jax
+    from tuning.scoring.needs import of_recording, require_drawable
     from tuning.study.limits import require
 
     require(of_recording(loaded, str(study)))
@@ -146,7 +146,7 @@ def estimate(
         chosen[column] = value
     loaded = load_config(config, settings, unused=("sweep", "tune"))
     table_suffix(output)
-    from tuning.kinds.needs import of_fit
+    from tuning.scoring.needs import of_fit
     from tuning.study.limits import require
 
     if not isinstance(loaded, Config):

@@ -90,8 +90,8 @@ def sweep(
     if dry_run:
         refuse_given("does not go with --dry-run, which goes on with nothing", "resume")
     where = executor_for(executor, workers, scheduler, folder, wait)
-    from tuning.kinds.needs import of_base, of_structures, of_sweep
     from tuning.runs.machine import start_jax
+    from tuning.scoring.needs import of_base, of_structures, of_sweep
     from tuning.study.limits import require
 
     place = "--grid" if grids else f"{study}: sweep.grid"
@@ -205,8 +205,8 @@ def tune(
     own += [] if budget is None else [f"tune.screen={budget}"]
     refuse_given(f"does not go with --method {method}: it is {_USELESS[method][0]}", *_USELESS[method][1])
     loaded = load_study(study, with_seed(own, seed))
-    from tuning.kinds.needs import of_base, of_gradient, of_grid_search, of_held_out, of_trials
     from tuning.runs.machine import start_jax
+    from tuning.scoring.needs import of_base, of_gradient, of_grid_search, of_held_out, of_trials
     from tuning.study.limits import require
 
     if method in _BLACK_BOX:

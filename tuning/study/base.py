@@ -202,6 +202,19 @@ class _Clocked(Base):
 class Timed(Study, _Clocked):
     """A study of what runs over time, sampled by a clock."""
 
+    def has_own_motions(self) -> bool:
+        """Return whether scenarios differ in how the joint moves, not in noise alone."""
+        paths = [*self.population.paths, *self.sweep.grid]
+        return self.clock.jitter_std is not None or any(Reach.MOTION in self.reach(path) for path in paths)
+
+    def tones(self) -> int:
+        """Return how many sines drive it, each computed at every sample."""
+        return 0
+
+    def longest_delay(self) -> int:
+        """Return how many samples a reading may be late in a loop; each is a part of the program."""
+        return 0
+
 
 def resolved(config: Table) -> dict[str, Any]:
     """Return every table of a configuration, defaults written out, absent features left out.

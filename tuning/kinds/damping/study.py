@@ -39,6 +39,14 @@ class DampingStudy(Timed):
     start: Positive | None = None
     substeps: AtLeastOne = 1
 
+    def has_own_motions(self) -> bool:
+        """Return that every scenario moves in its own way: a controller answers its own sensor."""
+        return True
+
+    def longest_delay(self) -> int:
+        """Return how many samples a reading may be late."""
+        return 0 if self.sensor is None or self.sensor.delay is None else self.sensor.longest_delay
+
     def mistakes(self, place: str) -> Iterator[Mistake]:
         """Return what is wrong of the clock: a controller's is regular."""
         if self.clock.jitter_std is not None:

@@ -14,7 +14,7 @@ from tuning.study.loading import load_study
 from tuning.study.parts.base import AtLeastOne, Part, Positive
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair
 from tuning.study.parts.joints import JOINTS
-from tuning.study.parts.rig import Excitation, Sensing
+from tuning.study.parts.rig import BandLimitedNoise, Excitation, Sensing
 from tuning.study.ranges import EVERYTHING, Reach
 
 _TORQUES = {"motor_torque", "motor1_torque", "motor2_torque", "elastic_torque"}
@@ -29,6 +29,10 @@ class EstimationStudy(Timed, Config):
     sensing: Sensing
     integration_tolerance: Positive = 1e-7
     substeps: AtLeastOne | None = None
+
+    def tones(self) -> int:
+        """Return how many sines drive the joint."""
+        return sum(profile.tones for _, profile in self.excitation if isinstance(profile, BandLimitedNoise))
 
     def reach(self, path: str) -> Reach:
         """Return what the number at a path changes at most."""

@@ -10,8 +10,8 @@ import numpy as np
 from tuning.files.errors import InputError, Mistake, input_error
 from tuning.files.shipped import located
 from tuning.kinds.log.study import LoggedRecording, LogStudy
-from tuning.kinds.needs import of_log
 from tuning.logs.reading import RecordingTable, read_recording
+from tuning.scoring.needs import of_log
 from tuning.study.limits import require
 
 _FEWEST = 20

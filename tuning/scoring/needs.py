@@ -10,14 +10,11 @@ import math
 from dataclasses import replace
 
 from tuning.files.errors import input_error
-from tuning.kinds.damping.study import DampingStudy
-from tuning.kinds.estimation.study import EstimationStudy
 from tuning.runs.machine import usable_cores
 from tuning.study.base import Config, Study, Timed
 from tuning.study.kinds import kind_of
 from tuning.study.limits import Need, Needs, in_count, product
 from tuning.study.parts.estimators import AlgebraicObserver, AntagonisticPair, EstimatorTable
-from tuning.study.parts.rig import BandLimitedNoise
 from tuning.study.ranges import Reach
 from tuning.study.structures import grid_structures
 
@@ -87,9 +84,9 @@ def of_recording(study: Timed, place: str) -> Need:
         f"{study.clock.sample_time:g} s){substeps}",
         "check the units, seconds, of clock.duration and clock.sample_time"
         + (", and substeps" if substeps else ""),
-        memory=_SAMPLE_BYTES * samples + 48.0 * _tones(study),
-        seconds=samples * (_SAMPLE_SECONDS + steps * _STEP_SECONDS + _tones(study) * _TONE_SECONDS),
-        compiling=_delay_compiling(study),
+        memory=_SAMPLE_BYTES * samples + 48.0 * study.tones(),
+        seconds=samples * (_SAMPLE_SECONDS + steps * _STEP_SECONDS + study.tones() * _TONE_SECONDS),
+        compiling=_DELAY_SECONDS * product(study.longest_delay()),
     )
 
 
@@ -139,7 +136,7 @@ def of_scores(
     samples, size = samples_of(study), 0
     if isinstance(study, Config):
         size = study.estimator.size
-    has_motion = _has_many_motions(study)
+    has_motion = isinstance(study, Timed) and study.has_own_motions()
     lane = (_LANE_BYTES + has_motion * _MOTION_BYTES) * samples + _SQUARE_BYTES * product(size, size)
     step = _STEP_SECONDS + _SQUARE_SECONDS * product(size, size)
     if has_motion:
@@ -301,24 +298,3 @@ def round_up(count: float) -> float:
 def _integration_steps(study: Study) -> float:
     # Where the lab chooses them, one or two are enough for all joints that ship.
     return float(getattr(study, "substeps", None) or 2)
-
-
-def _has_many_motions(study: Study) -> bool:
-    """Return whether every recording has a motion of its own."""
-    if not isinstance(study, Timed):
-        return False
-    paths = [*study.population.paths, *study.sweep.grid]
-    own = any(Reach.MOTION in study.reach(path) for path in paths)
-    return own or isinstance(study, DampingStudy) or study.clock.jitter_std is not None
-
-
-def _tones(study: Study) -> float:
-    if not isinstance(study, EstimationStudy):
-        return 0.0
-    return float(sum(profile.tones for _, profile in study.excitation if isinstance(profile, BandLimitedNoise)))
-
-
-def _delay_compiling(study: Study) -> float:
-    if not isinstance(study, DampingStudy) or study.sensor is None or study.sensor.delay is None:
-        return 0.0
-    return _DELAY_SECONDS * product(study.sensor.longest_delay)
