@@ -24,7 +24,7 @@ from tuning.kinds.arm.problem import ArmProblem
 from tuning.kinds.arm.run import write_run
 from tuning.problem.interface import Differentiable, Status
 from tuning.runs.executors import DaskExecutor, Inline
-from tuning.runs.folder import read_manifest
+from tuning.runs.manifest import read_manifest
 from tuning.runs.workers import planner_of, spec_of
 from tuning.scoring import montecarlo
 from tuning.scoring.montecarlo import MonteCarlo, compute_population

@@ -12,7 +12,8 @@ import pytest
 
 from tests.tuning.builders import FORGETTING, PRIOR, tiny_tuning
 from tuning.files.errors import InputError
-from tuning.runs.folder import RunStore, read_manifest
+from tuning.runs.folder import RunStore
+from tuning.runs.manifest import read_manifest
 from tuning.scoring.intervals import Judgement
 from tuning.search import blackbox
 from tuning.search.blackbox import BlackBox, Trial, explore, find_front, plan_blackbox, read_trials

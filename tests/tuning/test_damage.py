@@ -25,8 +25,10 @@ from tuning.files.seal import SEALED, Digest
 from tuning.files.tables import put
 from tuning.report.gather import load_best, open_finished
 from tuning.runs.executors import _collected
-from tuning.runs.folder import RunStore, open_run, read_manifest, read_results, write_sealed
+from tuning.runs.folder import RunStore, open_run, read_results
 from tuning.runs.lock import lock_folder
+from tuning.runs.manifest import read_manifest
+from tuning.runs.sealed import write_sealed
 from tuning.runs.workers import planner_of, result_file, spec_of
 from tuning.search.blackbox import BlackBox, explore
 from tuning.search.refine import Search

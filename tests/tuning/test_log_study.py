@@ -17,7 +17,7 @@ import pytest
 from tests.tuning.logs.motor_log import MOTOR_DAMPING, MOTOR_INERTIA, write_study
 from tuning.files.errors import InputError
 from tuning.problem.interface import problem_of
-from tuning.runs.folder import read_manifest
+from tuning.runs.manifest import read_manifest
 from tuning.runs.workers import planner_of, spec_of
 from tuning.search.refine import Search
 from tuning.study.base import Config, resolved, study_hash, to_toml

@@ -19,7 +19,7 @@ from tuning.cli import reproduce as reproduce_command
 from tuning.exports.formats.registry import FORMATS, writer_of
 from tuning.files.errors import InputError
 from tuning.papers import PAPERS
-from tuning.runs.folder import read_manifest
+from tuning.runs.manifest import read_manifest
 from tuning.runs.workers import planner_of, run_chunk, spec_of
 from tuning.study import plugins, registry
 from tuning.study.base import resolved, study_hash

@@ -27,7 +27,9 @@ from tuning.report.gather import Contestant, open_finished, short_names
 from tuning.report.pictures import scores as pictures
 from tuning.report.searches import what_is_tuned
 from tuning.runs import machine
-from tuning.runs.folder import RunStore, columns_of, open_run, read_manifest, read_results
+from tuning.runs.folder import RunStore, open_run, read_results
+from tuning.runs.manifest import read_manifest
+from tuning.runs.sealed import columns_of
 from tuning.scoring.summary import Interval
 from tuning.study.base import resolved, to_toml
 from tuning.study.loading import load_config, load_study, with_numbers

@@ -20,7 +20,7 @@ def doctor(as_json: bool, quiet: bool) -> None:
     start_jax()
     import jax
 
-    from tuning.runs.folder import versions
+    from tuning.runs.manifest import versions
 
     extras = ("dask", "submitit", "optuna", "SALib", "fmpy", "h5py", "rosbags")
     facts = {

@@ -235,7 +235,8 @@ def tune(
     from tuning.pictures.style import save
     from tuning.problem.finding import joined
     from tuning.report.pictures.searches import draw_search
-    from tuning.runs.folder import columns_of, read_results
+    from tuning.runs.folder import read_results
+    from tuning.runs.sealed import columns_of
     from tuning.study.scores import unit_of
 
     each = {"before": tuned.before.each, "tuned": tuned.held_out.each}

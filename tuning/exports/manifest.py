@@ -8,7 +8,7 @@ from typing import Any
 from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.layout import Leaf, dotted
 from tuning.exports.program import Slot
-from tuning.runs.folder import versions
+from tuning.runs.manifest import versions
 
 SHIPPED = ["golden.csv", "README.md"]
 """What lies beside every artefact, with its check."""

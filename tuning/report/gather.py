@@ -14,7 +14,9 @@ import numpy as np
 from tuning.files.errors import InputError, input_error
 from tuning.files.seal import SEALED, breaks_seal
 from tuning.problem.interface import Status, Stream, problem_of
-from tuning.runs.folder import columns_of, is_file, read_manifest, read_results, read_table
+from tuning.runs.folder import read_results
+from tuning.runs.manifest import read_manifest
+from tuning.runs.sealed import columns_of, is_file, read_table
 from tuning.scoring.comparison import contenders
 from tuning.scoring.grid import Grid
 from tuning.scoring.montecarlo import MonteCarlo

@@ -22,8 +22,9 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from tuning.files.errors import InputError, input_error
-from tuning.runs.folder import RunStore, columns_of, is_file, read_sealed
+from tuning.runs.folder import RunStore
 from tuning.runs.scheduler import CONNECT_WITHIN, Patience, require_scheduler, unreachable
+from tuning.runs.sealed import columns_of, is_file, read_sealed
 from tuning.runs.workers import (
     Columns,
     planner_of,

@@ -10,56 +10,37 @@ from __future__ import annotations
 
 import json
 import os
-import platform
-import stat
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatch
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from tuning.files.errors import InputError, input_error
 from tuning.files.seal import (
-    KEY,
     SEALED,
     bare,
-    breaks_seal,
-    fault,
-    hash_tables,
-    is_sealed,
     metadata_of,
     seal_tables,
-    sealed,
 )
 from tuning.files.whole import write_tables, write_text
 from tuning.runs.lock import NAME as LOCK
 from tuning.runs.lock import FolderLock, lock_folder
-from tuning.study.base import Base, Study, hash_resolved, resolved, study_hash
-from tuning.study.foreign import foreign_in
+from tuning.runs.manifest import read_manifest, run_id, versions
+from tuning.runs.sealed import AGAIN, columns_of, is_file, read_sealed, table_of, write_sealed
+from tuning.study.base import Study, resolved, study_hash
 from tuning.study.inputs import check_inputs, hash_inputs
 
-_LEGACY = {
-    "command": str,
-    "study_hash": str,
-    "plan": dict,
-    "seed": int,
-    "study": dict,
-    "chunks": list,
-    "versions": dict,
-}
-"""Keys and types of a manifest from before there were seals."""
-_KEYS = _LEGACY | {"files": dict, SEALED: str}
 _STRAYS = (".manifest.json.*.tmp", LOCK)
 """What a kill leaves of a manifest that was not yet in place, and of a process."""
+
 _RESULTS = "results"
+
 _ROWS_AT_ONCE = 1 << 16
-_AGAIN = "--resume computes it again"
 
 
 @dataclass(frozen=True)
@@ -154,7 +135,7 @@ class RunStore:
         Raises:
             InputError: it cannot be written.
         """
-        return self._write_results([_table_of(columns)])
+        return self._write_results([table_of(columns)])
 
     def _write_results(self, tables: Iterable[pa.Table]) -> Path:
         path = self.folder / f"{_RESULTS}.parquet"
@@ -172,7 +153,7 @@ class RunStore:
             first = first or table.schema
             if not table.schema.equals(first):
                 problem = f"has other columns than {self._place(self.chunks[0]).name}"
-                raise input_error(self._place(chunk), problem, f"remove it; {_AGAIN}")
+                raise input_error(self._place(chunk), problem, f"remove it; {AGAIN}")
             held.append(table)
             if sum(table.num_rows for table in held) >= _ROWS_AT_ONCE:
                 yield pa.concat_tables(held)
@@ -268,101 +249,6 @@ def _resumed(
     return held
 
 
-def read_manifest(path: Path) -> dict[str, Any]:
-    """Return a manifest that is whole.
-
-    Raises:
-        InputError: it cannot be read, lacks a key, has one too many or one of another type, or has been changed
-            since it was written.
-    """
-    way_out = "put the manifest back as it was, or name a new folder with -o"
-    try:
-        if not is_file(path):
-            raise input_error(path, "no such file", way_out)
-        held = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise input_error(path, f"cannot be read as a manifest ({error})", way_out) from None
-    if not isinstance(held, dict):
-        raise input_error(path, f"cannot be read as a manifest (got {held!s:.40})", way_out)
-    missing = [key for key in _LEGACY if key not in held]
-    if missing:
-        raise input_error(path, f"cannot be read as a manifest (it lacks {', '.join(missing)})", way_out)
-    for key, value in held.items():
-        if key not in _KEYS:
-            raise input_error(f"{path}: {key!s:.40}", "unknown key", way_out)
-        wanted = _KEYS[key]
-        if not isinstance(value, wanted) or isinstance(value, bool):
-            raise input_error(f"{path}: {key}", f"got {value!s:.40}, not a {_JSON[wanted]}", way_out)
-    if not all(isinstance(chunk, str) for chunk in held["chunks"]):
-        raise input_error(f"{path}: chunks", "got ids that are no strings", way_out)
-    if (found := hash_resolved(held["study"])) != held["study_hash"]:
-        problem = f"has been changed: its hash is {found}, but study_hash says {held['study_hash']!s:.40}"
-        raise input_error(f"{path}: study", problem, way_out)
-    if ("files" in held or SEALED in held) and breaks_seal(held):
-        problem = "has been changed since it was written: it breaks its seal"
-        raise input_error(path, problem, way_out)
-    return held
-
-
-_JSON = {str: "string", dict: "object", list: "list", int: "whole number"}
-
-
-def run_id(manifest: Mapping[str, Any]) -> str:
-    """Return a hash of all that determines a run's results: command, study, plan, and the files that they name."""
-    identity = {key: manifest[key] for key in ("command", "study_hash", "plan")}
-    return hash_tables(identity | {"files": manifest.get("files", {})})[:32]
-
-
-def is_file(path: Path) -> bool:
-    """Return whether there is a file.
-
-    Raises:
-        InputError: there is something else, such as a directory or a pipe, which opening might wait for.
-    """
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        return False
-    except OSError as error:
-        raise input_error(path, f"cannot be read ({error.strerror})", "check the folder, then --resume") from None
-    if not stat.S_ISREG(mode):
-        kind = next((name for is_kind, name in _KINDS.items() if is_kind(mode)), "no file")
-        raise input_error(path, f"is {kind}, not a file", "remove it, then go on with --resume")
-    return True
-
-
-_KINDS = {
-    stat.S_ISDIR: "a directory",
-    stat.S_ISFIFO: "a pipe",
-    stat.S_ISSOCK: "a socket",
-    stat.S_ISCHR: "a device",
-    stat.S_ISBLK: "a device",
-}
-
-
-def read_sealed(path: Path, run: str, chunk: str, *, needs_seal: bool = True) -> pa.Table:
-    """Return a chunk of a run, if it is as it was written.
-
-    Args:
-        path: its file.
-        run: what it should be sealed with.
-        chunk: its id.
-        needs_seal: refuse it without a seal; a seal that is there is checked in any case.
-
-    Raises:
-        InputError: it cannot be read, or its seal is missing, broken, or another's.
-    """
-    table = read_table(path)
-    if needs_seal or is_sealed(table.schema.metadata):
-        try:
-            problem = fault(table, table.schema.metadata, run, chunk)
-        except (ValueError, pa.ArrowException) as error:
-            problem = f"cannot be read ({_first_line(error)})"
-        if problem:
-            raise input_error(path, problem, _AGAIN)
-    return table
-
-
 def read_results(folder: Path) -> pa.Table:
     """Return the results of the run in a folder, if they are as the run joined them.
 
@@ -372,50 +258,3 @@ def read_results(folder: Path) -> pa.Table:
     manifest = read_manifest(folder / "manifest.json")
     path = folder / f"{_RESULTS}.parquet"
     return read_sealed(path, run_id(manifest), _RESULTS, needs_seal=SEALED in manifest)
-
-
-def columns_of(table: pa.Table) -> dict[str, np.ndarray]:
-    """Return the columns of a table by name."""
-    return {name: table[name].to_numpy() for name in table.column_names}
-
-
-def write_sealed(path: Path, columns: Mapping[str, np.ndarray], run: str, chunk: str) -> None:
-    """Write a chunk of a run with its seal, whole or not at all.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    write_tables(path, [sealed(_table_of(columns), run, chunk)])
-
-
-def _table_of(columns: Mapping[str, np.ndarray]) -> pa.Table:
-    return pa.table({name: np.asarray(values) for name, values in columns.items()})
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).strip().partition("\n")[0][:200] or type(error).__name__
-
-
-def versions(config: Base | None = None) -> dict[str, str]:
-    """Return the versions of all that results depend on: those of a configuration, on its plug-ins too."""
-    packages = ("vsajax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
-    own = {"python": platform.python_version()} | {name: metadata.version(name) for name in packages}
-    foreign = {} if config is None else foreign_in(config)
-    return own | {record["name"]: record["version"] for record in foreign.values()}
-
-
-def read_table(path: Path) -> pa.Table:
-    """Return a Parquet file that a run has written.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    if not is_file(path):
-        raise input_error(path, "no such file", _AGAIN)
-    try:
-        with pq.ParquetFile(path) as file:
-            # What is added to a file once its rows are known is not in its schema.
-            held = (file.metadata.metadata or {}).get(KEY)
-            return file.read().replace_schema_metadata(None if held is None else {KEY: held})
-    except (OSError, ValueError, TypeError, OverflowError, MemoryError, pa.ArrowException) as error:
-        raise input_error(path, f"cannot be read ({_first_line(error)})", _AGAIN) from None

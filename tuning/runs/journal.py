@@ -21,7 +21,8 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
 from tuning.files.errors import InputError, input_error
-from tuning.runs.folder import RunStore, is_file
+from tuning.runs.folder import RunStore
+from tuning.runs.sealed import is_file
 
 _NAME = "optuna.log"
 _MARK = "whole_batches"

@@ -42,7 +42,7 @@ def spec_of(manifest: Mapping[str, Any]) -> str:
     The flags of XLA go along: among them the number of devices, by which lanes are grouped. A worker with other
     flags would round differently in the last digit.
     """
-    from tuning.runs.folder import run_id
+    from tuning.runs.manifest import run_id
     from tuning.study.base import FOLDER
     from tuning.study.inputs import absolute_inputs
 
@@ -107,7 +107,7 @@ def run_chunk(spec: str, chunk: str) -> Columns:
 
 def run_share(spec: str, chunks: Sequence[str], folder: str) -> None:
     """Compute chunks into sealed files of a folder; one that is there is not computed again."""
-    from tuning.runs.folder import write_sealed
+    from tuning.runs.sealed import write_sealed
 
     for chunk in chunks:
         path = result_file(Path(folder), chunk)

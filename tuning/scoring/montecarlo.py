@@ -20,8 +20,9 @@ import scipy
 from tuning.problem.interface import Outcome, Problem, Scenario, problem_of
 from tuning.problem.scenarios import stream_key
 from tuning.runs.executors import Executor, complete
-from tuning.runs.folder import RunStore, columns_of, open_run, read_table
+from tuning.runs.folder import RunStore, open_run
 from tuning.runs.forecast import Forecast, foresee
+from tuning.runs.sealed import columns_of, read_table
 from tuning.scoring.remedies import TARGET
 from tuning.scoring.summary import Columns, Summary, quantile, summarise
 from tuning.study.base import Study

@@ -16,8 +16,10 @@ from tuning.files.errors import input_error
 from tuning.files.whole import write_text
 from tuning.problem.interface import problem_of
 from tuning.runs.executors import Executor, Inline, complete
-from tuning.runs.folder import RunStore, open_run, read_table, versions
+from tuning.runs.folder import RunStore, open_run
 from tuning.runs.forecast import Forecast, foresee
+from tuning.runs.manifest import versions
+from tuning.runs.sealed import read_table
 from tuning.scoring.grid import Grid
 from tuning.study.base import Study, descended, study_hash, to_toml
 from tuning.study.choices import Setting, options_of

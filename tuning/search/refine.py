@@ -19,7 +19,8 @@ from tuning.files.errors import InputError, input_error
 from tuning.files.whole import write_text
 from tuning.problem.finding import Finding, find, joined
 from tuning.problem.interface import Differentiable, Problem, Scenario, Stream, problem_of
-from tuning.runs.folder import open_run, versions
+from tuning.runs.folder import open_run
+from tuning.runs.manifest import versions
 from tuning.scoring.grid import Grid, lane_program
 from tuning.scoring.intervals import Judgement, judge
 from tuning.search.descent import Algorithm

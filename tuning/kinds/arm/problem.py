@@ -21,7 +21,8 @@ from tuning.kinds.arm.bench import USABLE, ArmBench, Joints, build_bench
 from tuning.kinds.arm.study import ArmStudy
 from tuning.problem.interface import LANES, Outcome, Scenario, Status, Stream, Values
 from tuning.problem.scenarios import draw_scenarios
-from tuning.runs.folder import read_results, read_table
+from tuning.runs.folder import read_results
+from tuning.runs.sealed import read_table
 from vsajax.compliance import stiffness_errors
 
 MSREP = "msrep"

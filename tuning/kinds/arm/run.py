@@ -15,7 +15,8 @@ from tuning.files.seal import SEALED, breaks_seal, hash_tables, seal_tables
 from tuning.files.toml import validate
 from tuning.files.whole import write_text
 from tuning.kinds.arm.study import ArmStudy
-from tuning.runs.folder import columns_of, read_sealed, versions, write_sealed
+from tuning.runs.manifest import versions
+from tuning.runs.sealed import columns_of, read_sealed, write_sealed
 from tuning.study.base import resolved, study_hash
 
 _MANIFEST = "manifest.json"

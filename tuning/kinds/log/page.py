@@ -15,7 +15,7 @@ from tuning.logs.characteristic import Characteristic
 from tuning.logs.reading import RecordingTable
 from tuning.logs.signal_map import Stiffness
 from tuning.pictures.page import Page, Picture, Table, number, span
-from tuning.runs.folder import versions
+from tuning.runs.manifest import versions
 from tuning.study.base import Config, resolved, study_hash, to_toml
 
 _GAPS_SHOWN = 8

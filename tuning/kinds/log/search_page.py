@@ -12,7 +12,7 @@ import numpy as np
 from tuning.files.errors import InputError, input_error
 from tuning.pictures.page import Page, Picture, Table, number
 from tuning.pictures.tried import draw_tried
-from tuning.runs.folder import read_table
+from tuning.runs.sealed import read_table
 from tuning.study.base import Base
 from tuning.study.loading import load_config
 from tuning.study.paths import numeric_paths
