@@ -175,11 +175,11 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
 
         return kinds.LOG_STUDY, load_study(path, settings)
     if kind is kinds.JOINT:
-        from tuning.kinds.presets import parse_joint
+        from tuning.study.parts.joints import parse_joint
 
         return kinds.JOINT, parse_joint(tables, str(path))
     if kind is kinds.ARM:
-        from tuning.kinds.presets import parse_arm
+        from tuning.kinds.arm.kinematics import parse_arm
 
         return kinds.ARM, parse_arm(tables, str(path))
     from tuning.kinds.estimation.study import EstimationStudy

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from tuning.files.toml import validate
 from tuning.kinds.arm.chain import Chain, Matrix, about
 from tuning.kinds.arm.names import numbered
 from tuning.kinds.arm.tables import Arm, DhJoint, Joint, Turn
@@ -68,3 +70,14 @@ def _from_dh(joints: Sequence[DhJoint], convention: str) -> Chain:
     axes = np.tile([0.0, 0.0, 1.0], (len(joints), 1))
     ranges = np.deg2rad([joint.range_deg for joint in joints])
     return Chain(numbered(len(joints)), offsets, rotations, axes, place, turned, ranges, _with_ends(joints))
+
+
+def parse_arm(tables: Mapping[str, Any], place: str) -> Arm:
+    """Return the arm that tables describe; a URDF is read.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
+    arm = validate(Arm, dict(tables), place)
+    chain_of(arm, place, Path(place).parent)
+    return arm

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from pydantic import Field
 
+from tuning.files.toml import validate
 from tuning.study.parts.base import NonNegative, Part, Positive
 from tuning.study.parts.springs import Spring
 from tuning.study.refs import Ref
@@ -79,3 +81,14 @@ JOINTS = Slot(
     untagged={"serial": SerialJoint, "sea": FlexibleJoint, "antagonistic": AntagonisticJoint},
 )
 """A study's kind tells which of vsajax' own its joint is."""
+
+
+def parse_joint(tables: Mapping[str, Any], place: str) -> SerialJoint | FlexibleJoint | AntagonisticJoint:
+    """Return the joint that tables describe; its motors tell which kind of joint it is.
+
+    Raises:
+        InputError: lists every mistake with its path.
+    """
+    if tables.keys() & {"motor1", "motor2", "spring1", "spring2"}:
+        return validate(AntagonisticJoint, dict(tables), place)
+    return validate(SerialJoint if "setpoint_motor" in tables else FlexibleJoint, dict(tables), place)
