@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import os
 import re
 import subprocess
 import sys
@@ -28,12 +29,15 @@ BLOCKS = {
     for document in documents()
     for number, found in enumerate(_BLOCK.finditer(document.read_text(encoding="utf-8")))
 }
+EXAMPLE = ROOT / "examples" / "plugin" / "src"
+"""A package that a document is about; its reader has it installed."""
 each = pytest.mark.parametrize("name", sorted(BLOCKS))
 
 
 @pytest.mark.filterwarnings("error::DeprecationWarning")
 @each
-def test_what_a_document_imports_is_there(name):
+def test_what_a_document_imports_is_there(name, monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLE)
     for node in ast.walk(ast.parse(BLOCKS[name].text)):
         if isinstance(node, ast.Import):
             for alias in node.names:
@@ -51,5 +55,13 @@ def test_the_python_of_a_document_runs(name, tmp_path):
         (tmp_path / shared).symlink_to(ROOT / shared)
     for words in (*BLOCKS[name].commands, ("python", "-c", BLOCKS[name].text)):
         start = (sys.executable, *(("-m", "tuning") if words[0] == "vsajax" else ()))
-        done = subprocess.run([*start, *words[1:]], cwd=tmp_path, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [*start, *words[1:]],
+            cwd=tmp_path,
+            env=os.environ
+            | {"PYTHONPATH": os.pathsep.join(filter(None, [str(EXAMPLE), os.environ.get("PYTHONPATH")]))},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == 0, done.stderr
