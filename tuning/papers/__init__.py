@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tuning.files.errors import input_error
+from tuning.papers.rows import Report, Row
 from tuning.study.plugins import Refused
 from tuning.study.refs import Explained, Ref
 from tuning.study.registry import Registry
 
-if TYPE_CHECKING:
-    from tuning.papers.rows import Report
+__all__ = ["PAPERS", "Report", "Row", "reproduce_paper"]
 
 PAPERS: Registry[Any] = Registry(
     "papers",
