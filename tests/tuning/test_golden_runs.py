@@ -199,7 +199,8 @@ def test_a_report_says_what_the_run_found(name, lab, vsajax):
     ended = vsajax("report", f"runs/{name}", "-o", "page.html", "--json")
     assert (ended.code, ended.err) == (0, "")
     said, before = json.loads(ended.out), PRINTED[name]["report"]
-    assert said["headline"] == before["headline"]
+    # What a kind scores on may be no noise draw.
+    assert said["headline"] == before["headline"].replace("noise draws", "scenarios")
     assert said["pictures"] == before["pictures"]
     page = (lab / "page.html").read_text(encoding="utf-8")
     assert f"vsajax {COMMANDS[name][0]}" in page
@@ -215,7 +216,7 @@ def test_the_best_of_a_run_is_checked_simulated_and_exported(name, lab, vsajax):
     assert (checked.code, checked.err, json.loads(checked.out)["ok"]) == (0, "", True)
     simulated = vsajax("simulate", best, "-o", "recording.parquet", "--json")
     assert (simulated.code, simulated.err) == (0, "")
-    study = load_config(best)
+    study = load_config(Path(best))
     assert pq.read_metadata(lab / "recording.parquet").num_rows == round(study.clock.duration / 1e-3) + 1
     exported = vsajax("export", best, "--to", "toml", "-o", "deploy", "--duration", "0.05", "--json")
     assert (exported.code, exported.err) == (0, "")
