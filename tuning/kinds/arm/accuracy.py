@@ -113,7 +113,8 @@ def _at_level(columns: Mapping[str, np.ndarray], level: float | str) -> np.ndarr
 
 def summarise(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """Return median and 95 % quantile of the errors at each level, in order of the levels."""
-    levels = list(dict.fromkeys("run" if np.isnan(v) else float(v) for v in columns["msrep"]))
+    each, first = np.unique(columns["msrep"], return_index=True)
+    levels = [_FROM_RUN if np.isnan(level) else float(level) for level in each[np.argsort(first)]]
     rows = []
     for level in levels:
         chosen = _at_level(columns, level)
