@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -12,6 +13,7 @@ from typing import Any
 
 from tuning.exports import checks
 from tuning.files.errors import input_error
+from tuning.study.plugins import ENVIRONMENT, consented
 
 CHECKS = Path(checks.__file__).parent
 """The scripts that check an export; copies travel with it."""
@@ -103,7 +105,9 @@ def _run(script: Path, folder: Path, within: Path, *, thorough: bool) -> list[di
         report = Path(place) / "results.json"
         command = [sys.executable, str(script.resolve()), "--folder", str(folder.resolve()), "--json", str(report)]
         command += [] if thorough else ["--quick"]
-        ran = subprocess.run(command, cwd=within, capture_output=True, text=True, check=False)
+        # What may be imported here may be imported there: some checks read the configuration.
+        given = os.environ | {ENVIRONMENT: ",".join(consented())}
+        ran = subprocess.run(command, cwd=within, env=given, capture_output=True, text=True, check=False)
         if report.is_file():
             return json.loads(report.read_text(encoding="utf-8"))
     lines = (ran.stderr or ran.stdout).strip().splitlines()
