@@ -206,6 +206,15 @@ def test_a_urdf_is_found_wherever_a_command_runs(own, tmp_path, monkeypatch, vsa
         load_study(copied)
 
 
+@pytest.mark.slow
+@pytest.mark.cli
+def test_what_is_exported_is_read_back_with_the_urdf_beside_it(vsajax, own, tmp_path):
+    told = answer(vsajax("export", own, "--to", "toml", "-o", "deploy", "--duration", "0.1", "--json"))
+    assert (told["ok"], {check["state"] for check in told["checks"]}) == (True, {"passed"})
+    (tmp_path / "elbowed.urdf").unlink()
+    assert load_study(tmp_path / "deploy" / "designer.toml").folder == tmp_path / "deploy"
+
+
 # Monte Carlo.
 
 
