@@ -207,7 +207,7 @@ def test_a_report_says_what_the_run_found(name, lab, vsajax):
 
 @pytest.mark.cli
 @pytest.mark.parametrize(
-    "name", some(["damping-gradient"], ["serial-sweep", "serial-tpe", "damping-gradient", "antagonistic-cmaes"])
+    "name", some(["serial-sweep"], ["serial-sweep", "serial-tpe", "damping-gradient", "antagonistic-cmaes"])
 )
 def test_the_best_of_a_run_is_checked_simulated_and_exported(name, lab, vsajax):
     best = f"runs/{name}/best.toml"
@@ -215,7 +215,7 @@ def test_the_best_of_a_run_is_checked_simulated_and_exported(name, lab, vsajax):
     assert (checked.code, checked.err, json.loads(checked.out)["ok"]) == (0, "", True)
     simulated = vsajax("simulate", best, "-o", "recording.parquet", "--json")
     assert (simulated.code, simulated.err) == (0, "")
-    study = load_config(best)
+    study = load_config(Path(best))
     assert pq.read_metadata(lab / "recording.parquet").num_rows == round(study.clock.duration / 1e-3) + 1
     exported = vsajax("export", best, "--to", "toml", "-o", "deploy", "--duration", "0.05", "--json")
     assert (exported.code, exported.err) == (0, "")
