@@ -82,7 +82,6 @@ def cut_journal(run: Path) -> None:
 RESULTS, BEST = "results.parquet", "best.toml"
 UNFINISHED = {
     "serial-sweep": remove("chunks/000001.parquet", RESULTS, BEST),
-    "serial-tpe": cut_journal,
     "serial-contest": remove("rigid", f"compare/{RESULTS}", "compare/chunks/001.parquet"),
     "damping-sweep": remove("chunks", RESULTS, BEST),
     "damping-montecarlo": remove("chunks", RESULTS, "summary.json"),
@@ -92,6 +91,7 @@ UNFINISHED_AT_LENGTH = {
     "serial-montecarlo": remove("chunks", "design", RESULTS, "summary.json"),
     "serial-gradient": remove("chunks/start-001.parquet", RESULTS, BEST),
     "serial-grid": remove("chunks", RESULTS, BEST),
+    "serial-tpe": cut_journal,
     "serial-cmaes": cut_journal,
     "serial-pareto": cut_journal,
     "serial-compare": remove("chunks/001.parquet", RESULTS),
@@ -103,8 +103,8 @@ UNFINISHED_AT_LENGTH = {
 """What is taken away of a run; the rest is what it goes on from. All but the first are for the slow tests."""
 WITHOUT_RESUME = tuple(name for name in COMMANDS if name.startswith(("arm", "log")))
 """Runs that could not be taken up: a folder of an arm was written anew, and one of a log refused."""
-FINISHED = ("serial-montecarlo", "damping-gradient")
-REPORTED = ("serial-contest", "damping-gradient", *WITHOUT_RESUME)
+FINISHED = ("serial-montecarlo",)
+REPORTED = ("damping-gradient", *WITHOUT_RESUME)
 """Runs that are looked at by every run of the tests; the others are for the slow ones."""
 
 
