@@ -3,7 +3,7 @@
 The joint is the one of `plants`: two motors pull the link through nonlinear springs, and how far they pull apart
 sets how stiff it is. To give the stiffness that a controller asks for one has to know both springs. A pair of
 estimators in the loop learns them from motor torques and positions alone; until both are known, springs that are
-merely believed stand in. As `closed_loop`, this module knows plants, estimators and controllers; it is unbatched.
+merely believed stand in. Everything here is unbatched; users `vmap` it.
 """
 
 from __future__ import annotations

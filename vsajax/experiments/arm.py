@@ -1,7 +1,4 @@
-"""The arm under its impedance controller: where a force moves it, and how stiff the hand then is.
-
-Beside `experiment`, this is the module that knows plants and controllers.
-"""
+"""The arm under its impedance controller: where a force moves it, and how stiff the hand then is."""
 
 from __future__ import annotations
 

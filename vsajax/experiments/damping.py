@@ -4,7 +4,7 @@ The same sentence as `experiments.estimation`, with a controller in the estimato
 
     score = metric(simulate(plant, controller, impact))
 
-This module knows plants and controllers. Everything here is unbatched; users `vmap` it.
+Everything here is unbatched; users `vmap` it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The one pure function of the lab, simulate -> measure -> estimate -> score, and the bench that feeds it.
 
-This is the only module that knows plants and estimators. Everything here is unbatched; users `vmap` it.
+Everything here is unbatched; users `vmap` it.
 """
 
 from __future__ import annotations
