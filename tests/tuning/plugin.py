@@ -41,8 +41,9 @@ def wheel_of_example(folder: Path) -> Path:
     install_example(site)
     (info,) = site.glob("*.dist-info")
     (info / "WHEEL").write_text("Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
-    files = [path for path in sorted(site.rglob("*")) if path.is_file() and "__pycache__" not in path.parts]
     record = info / "RECORD"
+    record.unlink()
+    files = [path for path in sorted(site.rglob("*")) if path.is_file() and "__pycache__" not in path.parts]
     record.write_text("".join(f"{path.relative_to(site)},,\n" for path in [*files, record]))
     wheel = folder / f"{info.name.removesuffix('.dist-info')}-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
@@ -72,3 +73,5 @@ def _write_metadata(site: Path, name: str, version: str, points: Mapping[str, Ma
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
     lines = [f"[{group}]\n" + "".join(f"{t} = {r}\n" for t, r in tags.items()) for group, tags in points.items()]
     (info / "entry_points.txt").write_text("\n".join(lines))
+    own = [path for one in site.glob(f"{stem}*") for path in (one, *one.rglob("*.py"))]
+    (info / "RECORD").write_text("".join(f"{path.relative_to(site)},,\n" for path in own if path.is_file()))

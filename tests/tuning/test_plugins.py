@@ -300,6 +300,15 @@ def test_name_and_version_are_part_of_the_hash_if_and_only_if_something_foreign_
 
 
 @pytest.mark.equivalence
+def test_a_package_without_entry_points_is_known_by_what_its_installer_wrote(site):
+    module = "from tuning.study.parts.springs import LinearSpring\n"
+    install(site, name="acme", version="3.1", points={}, module=module)
+    with consenting("acme"):
+        study = load_study(SEA, ["joint.spring={ type = 'acme:LinearSpring', rate = 3.0 }"])
+    assert resolved(study)["plugins"] == {"acme:LinearSpring": {"name": "acme", "version": "3.1"}}
+
+
+@pytest.mark.equivalence
 def test_another_version_is_another_study(site, monkeypatch):
     install_example(site)
     before = study_hash(load_study(STUDY))
@@ -351,6 +360,12 @@ def test_a_run_says_what_it_used_and_its_workers_refuse_what_they_lack(vsajax, b
         run_chunk(spec, manifest["chunks"][0])
 
 
+@pytest.mark.slow(
+    twin=(
+        "test_a_run_says_what_it_used_and_its_workers_refuse_what_they_lack",
+        "tests/tuning/test_executors.py::test_workers_give_the_bytes_of_a_run_in_one_process",
+    )
+)
 @pytest.mark.equivalence
 def test_a_dask_worker_computes_with_a_plug_in(vsajax, beside, swept):
     ended = vsajax("sweep", beside, "-o", "dask", *GRID, "--plugin", "air_joint", "--workers", "1")

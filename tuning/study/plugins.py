@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -207,16 +208,22 @@ def _origin_of(ref: Ref) -> Origin:
     with _away_from_here():
         points = (p for p in metadata.entry_points() if p.group.startswith(_GROUP))
         # An editable installation tells its modules by its entry points alone.
-        owners = {p.dist.name: p.dist for p in points if p.dist is not None and p.module.partition(".")[0] == top}
-        names = [] if owners else metadata.packages_distributions().get(top, [])
-    owner = next(iter(owners.values()), None)
+        owners = (p.dist for p in points if p.dist is not None and p.module.partition(".")[0] == top)
+        owner = next(owners, None) or _distribution_with(top)
     if owner is not None:
         return Origin(ref, owner.name, owner.version)
-    if names:
-        return Origin(ref, names[0], metadata.version(names[0]))
     require_consent(ref)
     _imported(ref.module, "")
     return Origin(ref, "", _hash_of(sys.modules[top]))
+
+
+def _distribution_with(top: str) -> metadata.Distribution | None:
+    """Return what is installed with a module at its top, told by the records of what installers wrote.
+
+    `metadata.packages_distributions` asks the disk for every file of every package: a second, for each reference.
+    """
+    listed = re.compile(rf"^{re.escape(top)}(/|\.[^/,]*,)", re.MULTILINE)
+    return next((d for d in metadata.distributions() if listed.search(d.read_text("RECORD") or "")), None)
 
 
 def _hash_of(package: Any) -> str:
