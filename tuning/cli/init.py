@@ -170,10 +170,6 @@ def _load(path: Path, settings: tuple[str, ...]) -> tuple[FileKind, Table]:
         from tuning.logs.signal_map import read_signal_map
 
         return kinds.SIGNAL_MAP, read_signal_map(path, settings)
-    if kind is kinds.LOG_STUDY:
-        from tuning.study.loading import load_study
-
-        return kinds.LOG_STUDY, load_study(path, settings)
     if kind is kinds.JOINT:
         from tuning.study.parts.joints import parse_joint
 

@@ -2,8 +2,7 @@
 
 The joint's second motor sets a preset γ in [0, 1], and the spring's stiffness is σ(γ) = σ₀ + σ₁γ. To give the
 stiffness that the controller asks for, one has to know σ. An estimator in the loop learns it from the elastic
-torque; until its answer is known, a nominal law stands in. Everything here is
-unbatched; users `vmap` it.
+torque; until its answer is known, a nominal law stands in. Everything here is unbatched; users `vmap` it.
 """
 
 from __future__ import annotations
