@@ -206,7 +206,7 @@ def test_a_urdf_is_found_wherever_a_command_runs(own, tmp_path, monkeypatch, vsa
         load_study(copied)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(twin="test_a_urdf_is_found_wherever_a_command_runs")
 @pytest.mark.cli
 def test_what_is_exported_is_read_back_with_the_urdf_beside_it(vsajax, own, tmp_path):
     told = answer(vsajax("export", own, "--to", "toml", "-o", "deploy", "--duration", "0.1", "--json"))
@@ -279,6 +279,12 @@ def test_a_worker_elsewhere_computes_the_same_chunk_from_the_manifest(own, tmp_p
         np.testing.assert_array_equal(planner.run_chunk("000001")[name], values)
 
 
+@pytest.mark.slow(
+    twin=(
+        "test_a_worker_elsewhere_computes_the_same_chunk_from_the_manifest",
+        "tests/tuning/test_executors.py::test_workers_give_the_bytes_of_a_run_in_one_process",
+    )
+)
 @pytest.mark.equivalence
 def test_processes_give_the_bytes_of_one(own, tmp_path):
     run = MonteCarlo(load_study(own), LANES)
@@ -351,7 +357,7 @@ def test_an_arm_is_swept_over_numbers_and_settings_and_its_winner_goes_on(vsajax
 
 
 @pytest.mark.cli
-@pytest.mark.parametrize("method", ["grid", "tpe"])
+@pytest.mark.parametrize("method", [pytest.param("grid", marks=pytest.mark.slow), "tpe"])
 def test_an_arm_is_tuned(vsajax, own, tmp_path, method):
     trials = ["--trials", "12", "--batch", "4"] if method == "tpe" else []
     found = answer(vsajax("tune", own, "-o", "run", "--method", method, *trials, *settings(*FEW), "--json"))

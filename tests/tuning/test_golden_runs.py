@@ -82,12 +82,12 @@ def cut_journal(run: Path) -> None:
 RESULTS, BEST = "results.parquet", "best.toml"
 UNFINISHED = {
     "serial-sweep": remove("chunks/000001.parquet", RESULTS, BEST),
-    "serial-contest": remove("rigid", f"compare/{RESULTS}", "compare/chunks/001.parquet"),
     "damping-sweep": remove("chunks", RESULTS, BEST),
     "damping-montecarlo": remove("chunks", RESULTS, "summary.json"),
     "damping-compare": remove("chunks/001.parquet", RESULTS),
 }
 UNFINISHED_AT_LENGTH = {
+    "serial-contest": remove("rigid", f"compare/{RESULTS}", "compare/chunks/001.parquet"),
     "serial-montecarlo": remove("chunks", "design", RESULTS, "summary.json"),
     "serial-gradient": remove("chunks/start-001.parquet", RESULTS, BEST),
     "serial-grid": remove("chunks", RESULTS, BEST),

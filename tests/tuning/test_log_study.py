@@ -128,9 +128,9 @@ def test_the_normal_equations_hold_the_objective_and_its_slope(study_file, objec
 @pytest.mark.parametrize(
     ("options", "most"),
     [
-        (("--algorithm", "bfgs", "--starts", "1"), 1.0),
+        pytest.param(("--algorithm", "bfgs", "--starts", "1"), 1.0, marks=pytest.mark.slow),
         (("--method", "grid"), 90.0),
-        (("--method", "hybrid", "--starts", "1"), 1e-3),
+        pytest.param(("--method", "hybrid", "--starts", "1"), 1e-3, marks=pytest.mark.slow),
         (("--method", "tpe", "--trials", "24", "--batch", "8"), 60.0),
         (("--method", "cmaes", "--trials", "24", "--batch", "8"), 60.0),
     ],

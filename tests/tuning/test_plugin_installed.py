@@ -19,7 +19,7 @@ SHORT = ("--set", "clock.duration=1.0", "--set", "scorer.warm_up=0.5")
 @pytest.mark.slow(
     twin=(
         "tests/tuning/test_plugins.py::test_what_uses_a_plug_in_is_simulated_and_exported",
-        "tests/tuning/test_plugins.py::test_a_dask_worker_computes_with_a_plug_in",
+        "tests/tuning/test_plugins.py::test_a_run_says_what_it_used_and_its_workers_refuse_what_they_lack",
     )
 )
 @pytest.mark.cli

@@ -421,7 +421,14 @@ def test_the_effort_of_a_search_counts_steps_and_time_until_a_score_is_reached()
     assert second == ["trials", 1.0, 3, 1.5, 2, 1.0]
 
 
-@pytest.mark.parametrize("statistic", tables.STATISTICS, ids=lambda s: s.label)
+@pytest.mark.parametrize(
+    "statistic",
+    [
+        one if one.level == 0.5 and one.kind == "quantile" else pytest.param(one, marks=pytest.mark.slow)
+        for one in tables.STATISTICS
+    ],
+    ids=lambda s: s.label,
+)
 def test_intervals_of_many_scenarios_are_those_of_the_bootstrap(statistic, monkeypatch):
     rng = np.random.default_rng(1)
     first = rng.lognormal(size=8000)

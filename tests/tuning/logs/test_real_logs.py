@@ -37,7 +37,9 @@ def runs() -> list[str]:
 @pytest.mark.skipif(
     not TREGEAR.is_file(), reason=f"the SEA recordings may not be shipped and are not in {TREGEAR}"
 )
-@pytest.mark.parametrize("run", SECOND_SPRING)
+@pytest.mark.parametrize(
+    "run", [*SECOND_SPRING[:2], *(pytest.param(run, marks=pytest.mark.slow) for run in SECOND_SPRING[2:])]
+)
 def test_the_second_spring_is_found_with_its_band_and_only_after_it_moved(run, vsajax, tmp_path):
     output, signal_map = tmp_path / "estimate.parquet", LOGS / "sea_tregear.toml"
     words = ("estimate", TREGEAR, "--map", signal_map, "-c", CONFIG, "--select", f"file={run}", "-o", output)
