@@ -104,7 +104,7 @@ UNFINISHED_AT_LENGTH = {
 WITHOUT_RESUME = tuple(name for name in COMMANDS if name.startswith(("arm", "log")))
 """Runs that could not be taken up: a folder of an arm was written anew, and one of a log refused."""
 FINISHED = ("serial-montecarlo",)
-REPORTED = ("damping-gradient", *WITHOUT_RESUME)
+REPORTED = WITHOUT_RESUME
 """Runs that are looked at by every run of the tests; the others are for the slow ones."""
 
 

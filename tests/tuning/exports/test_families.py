@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 
 import pytest
@@ -13,20 +12,11 @@ from tuning.exports.export import write_export
 from tuning.exports.readme import told_of_single_precision
 from tuning.exports.recheck import check_folder
 
-AT_LENGTH = {("arm", "toml"), ("arm", "stablehlo"), ("arm", "fmi3"), ("pair", "toml"), ("pair", "stablehlo")}
-AT_LENGTH |= {("algebraic", "toml"), ("algebraic", "stablehlo")}
-"""What takes longest to trace again; each format has other families, each family other formats."""
-
 
 @needs_compiler
 @pytest.mark.equivalence
-@pytest.mark.parametrize(
-    ("family", "target"),
-    [
-        pytest.param(*case, marks=pytest.mark.slow) if case in AT_LENGTH else case
-        for case in itertools.product(FAMILIES, TARGETS)
-    ],
-)
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("target", TARGETS)
 def test_every_format_of_every_family_holds(family, target, tmp_path, monkeypatch, request):
     # The checks run in processes of their own, on the packages of this checkout.
     monkeypatch.setenv("PYTHONPATH", str(request.config.rootpath))
