@@ -295,7 +295,8 @@ def _collected(path: Path, run: str, chunk: str) -> Columns | None:
 
 def _last_line(job: Any) -> str:
     lines = str(job.exception()).strip().splitlines()
-    told = [line for line in lines if line.strip("- ") and not line.startswith(("You can check", "  - "))]
+    said = [line for line in lines if line.strip("- ") and not line.startswith(("You can check", "  - "))]
+    told = [line for line in said if not line.strip().startswith("fix: ")]
     return told[-1].strip() if told else "it says nothing"
 
 

@@ -147,7 +147,8 @@ def sobol_influences(
         # Not the bootstrap of scipy.stats.sobol_indices: it draws from no seed, and takes no single factor.
         spread = scipy.stats.bootstrap(
             [np.arange(rows)],
-            lambda row: _sobol_indices(matrices[:, row]),
+            # Sorted: resamples of the same rows are then equal to the last digit, which the method counts ties by.
+            lambda row: _sobol_indices(matrices[:, np.sort(row)]),
             vectorized=False,
             n_resamples=_RESAMPLES,
             method="BCa",
