@@ -500,6 +500,10 @@ def test_kinds_scores_formats_and_papers_have_the_same_door(vsajax, site):
 
 
 @pytest.mark.structure
-def test_commands_know_the_names_of_vsajax_without_importing_them():
-    assert list(FORMATS.own()) == export_command._TARGETS
-    assert list(PAPERS.own()) == reproduce_command._PAPERS
+def test_commands_know_the_names_of_vsajax_when_they_are_asked_for():
+    code = "import sys, tuning.cli.export, tuning.cli.reproduce; sys.exit('pydantic' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    (to,) = (one for one in export_command.export.params if one.name == "target")
+    (paper,) = (one for one in reproduce_command.reproduce.params if one.name == "paper")
+    assert list(to.type.choices) == list(FORMATS.own())
+    assert list(paper.type.choices) == [*PAPERS.own(), "all"]

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from tuning.exports.recheck import Exported
     from tuning.study.registry import Registry
 
-_TARGETS = ["toml", "json", "c99", "fmi2", "fmi3", "ros2", "mat", "stablehlo"]
-
 
 def _formats() -> Registry[Any]:
     from tuning.exports.formats.registry import FORMATS
@@ -26,7 +24,7 @@ def _formats() -> Registry[Any]:
 
 @click.command(epilog="Example: vsajax export runs/t/best.toml --to c99 -o deploy --check")
 @click.argument("config", type=click.Path(path_type=Path))
-@click.option("--to", "target", type=OpenChoice(_TARGETS, _formats), help="Format.")
+@click.option("--to", "target", type=OpenChoice(_formats), help="Format.")
 @click.option("-o", "--output", "folder", type=click.Path(path_type=Path), help="Folder.")
 @click.option("--check", "thorough", is_flag=True, help="Run every check; alone, those of an exported folder.")
 @click.option(

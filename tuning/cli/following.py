@@ -67,13 +67,17 @@ def after_check(label: str, kind: str, path: Path, settings: Sequence[str]) -> W
 
     Args:
         label: the name of its `FileKind`.
-        kind: of joint, where it has one.
+        kind: of a study or configuration; of what is neither, the kind of the example that it belongs to.
         path: the file.
         settings: with which it was read.
     """
     from tuning.files import kinds
+    from tuning.study.kinds import kind_named
 
     match label:
+        case kinds.STUDY.name if kind_named(kind).picture is None:
+            # Its scenarios have no signals.
+            return words("montecarlo", path, "-o", run_folder("montecarlo"), settings=settings)
         case kinds.STUDY.name:
             return words("simulate", path, "-o", fresh(Path("recording.parquet")), settings=settings)
         case kinds.CONFIG.name:

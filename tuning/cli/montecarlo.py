@@ -157,7 +157,14 @@ def montecarlo(
         {"run": folder, "results": folder / "results.parquet", "pictures": pictures} | summary.as_tables(),
         as_json=as_json,
         quiet=quiet,
-        text=lambda: _text(summary, study, folder, loaded.tune.objective, pictures),
+        text=lambda: _text(
+            summary,
+            study,
+            folder,
+            loaded.tune.objective,
+            pictures,
+            has_signals=kind_of(loaded).picture is not None,
+        ),
         following=words("report", folder),
     )
 
@@ -197,7 +204,9 @@ def _number(value: float) -> str:
     return f"{value:.4g}" if abs(value) != float("inf") else "never"
 
 
-def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures: list[Any]) -> str:
+def _text(
+    summary: Summary, study: Path, folder: Path, objective: str, pictures: list[Any], *, has_signals: bool
+) -> str:
     from tuning.study.scores import SCORES
 
     levels = list(next(iter(summary.quantiles.values())))
@@ -216,9 +225,8 @@ def _text(summary: Summary, study: Path, folder: Path, objective: str, pictures:
         lines += ["what to do:", *(f"  {line}" for line in summary.advice)]
     if summary.worst:
         numbers = ", ".join(map(str, summary.worst))
-        lines.append(
-            f"worst by {objective}: {numbers}; replay one: vsajax simulate {study} --scenario {summary.worst[0]}"
-        )
+        replay = f"; replay one: vsajax simulate {study} --scenario {summary.worst[0]}" if has_signals else ""
+        lines.append(f"worst by {objective}: {numbers}{replay}")
     return "\n".join(
         [*lines, f"wrote {folder / 'results.parquet'}, summary.json and {', '.join(map(str, pictures))}"]
     )

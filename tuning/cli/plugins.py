@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -45,13 +46,20 @@ class OpenChoice(click.Choice[str]):
     """One of vsajax' own names, or one that a package or a module adds, which is looked for when it is asked for.
 
     Args:
-        own: vsajax' own names, told here so that nothing is imported for them.
-        registry: returns where the others are.
+        registry: returns where they are; imported when the first of them is asked for.
+        more: further names.
     """
 
-    def __init__(self, own: Sequence[str], registry: Any):
-        super().__init__(own)
-        self._registry = registry
+    case_sensitive = True
+
+    def __init__(self, registry: Callable[[], Registry[Any]], *more: str):
+        # Not that of `Choice`, which asks for the names while commands are being made.
+        self._registry, self._more = registry, more
+
+    @cached_property
+    def choices(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The names that need no consent and no search."""
+        return (*self._registry().own(), *self._more)
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return a name that stands for something."""
@@ -59,9 +67,8 @@ class OpenChoice(click.Choice[str]):
             return value
         from tuning.study.plugins import Refused, Unknown
 
-        registry: Registry[Any] = self._registry()
         try:
-            registry.find(value)
+            self._registry().find(value)
         except Unknown:
             return super().convert(value, param, ctx)
         except Refused as refused:

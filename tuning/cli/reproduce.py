@@ -14,9 +14,8 @@ from tuning.terminal.options import JSON, QUIET, emit, table
 if TYPE_CHECKING:
     from tuning.study.registry import Registry
 
-_EXAMPLES = {"cartesian": "arm", "duel": "serial", "all": "serial"}
-"""The example study of a paper, where it has another name."""
-_PAPERS = ["serial", "antagonistic", "damping", "cartesian", "duel"]
+_EXAMPLES = {"cartesian": "arm"}
+"""The kind of study that a paper is on, where it has another name."""
 
 
 def _papers() -> Registry[Any]:
@@ -26,7 +25,7 @@ def _papers() -> Registry[Any]:
 
 
 @click.command(epilog="Example: vsajax reproduce serial -o runs/serial")
-@click.argument("paper", type=OpenChoice([*_PAPERS, "all"], _papers))
+@click.argument("paper", type=OpenChoice(_papers, "all"))
 @click.option("-o", "--output", "folder", type=click.Path(path_type=Path), help="Folder for figures and rows.")
 @JSON
 @QUIET
@@ -38,6 +37,7 @@ def reproduce(paper: str, folder: Path | None, as_json: bool, quiet: bool) -> No
     from dataclasses import asdict
 
     from tuning.papers import reproduce_paper
+    from tuning.study.kinds import KINDS
 
     reports = reproduce_paper(paper, folder)
     ok = all(report.ok for report in reports)
@@ -71,7 +71,7 @@ def reproduce(paper: str, folder: Path | None, as_json: bool, quiet: bool) -> No
         "findings": [finding for report in reports for finding in report.findings],
         "figures": [str(path) for report in reports for path in report.figures],
     }
-    kind = _EXAMPLES.get(paper, paper if paper in _PAPERS else "serial")
+    kind = _EXAMPLES.get(paper, paper if paper in KINDS.own() else "serial")
     emit(result, as_json=as_json, quiet=quiet, text=text, following=lambda: start(kind, kind))
     if not ok:
         raise click.exceptions.Exit(1)

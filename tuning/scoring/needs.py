@@ -77,7 +77,8 @@ def of_fit(estimator: EstimatorTable, place: str, *, samples: float = 0.0) -> Ne
 def of_recording(study: Timed, place: str) -> Need:
     """Return what one recording of a study needs."""
     samples, steps = samples_of(study), _integration_steps(study)
-    substeps = f" × {in_count(study.substeps)} integration steps" if (study.substeps or 1) > 1 else ""  # pyright: ignore[reportAttributeAccessIssue]
+    set_steps = study.substeps_set() or 1
+    substeps = f" × {in_count(set_steps)} integration steps" if set_steps > 1 else ""
     return Need(
         f"{place}: clock",
         f"{in_count(round_up(samples))} samples ({study.clock.duration:g} s, one every "
@@ -297,4 +298,4 @@ def round_up(count: float) -> float:
 
 def _integration_steps(study: Study) -> float:
     # Where the lab chooses them, one or two are enough for all joints that ship.
-    return float(getattr(study, "substeps", None) or 2)
+    return float(study.substeps_set() or 2) if isinstance(study, Timed) else 2.0

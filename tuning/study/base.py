@@ -211,6 +211,10 @@ class Timed(Study, _Clocked):
         """Return how many sines drive it, each computed at every sample."""
         return 0
 
+    def substeps_set(self) -> int | None:
+        """Return how many integration steps a sample the study sets; `None` where the lab chooses, or none are."""
+        return None
+
     def longest_delay(self) -> int:
         """Return how many samples a reading may be late in a loop; each is a part of the program."""
         return 0

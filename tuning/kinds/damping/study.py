@@ -43,6 +43,10 @@ class DampingStudy(Timed):
         """Return that every scenario moves in its own way: a controller answers its own sensor."""
         return True
 
+    def substeps_set(self) -> int:
+        """Return the integration steps a sample."""
+        return self.substeps
+
     def longest_delay(self) -> int:
         """Return how many samples a reading may be late."""
         return 0 if self.sensor is None or self.sensor.delay is None else self.sensor.longest_delay

@@ -30,6 +30,10 @@ class EstimationStudy(Timed, Config):
     integration_tolerance: Positive = 1e-7
     substeps: AtLeastOne | None = None
 
+    def substeps_set(self) -> int | None:
+        """Return the integration steps a sample that the study sets."""
+        return self.substeps
+
     def tones(self) -> int:
         """Return how many sines drive the joint."""
         return sum(profile.tones for _, profile in self.excitation if isinstance(profile, BandLimitedNoise))
