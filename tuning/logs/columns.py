@@ -296,6 +296,14 @@ def _parse_rows(path: Path, layout: Layout) -> pa.Table:
         ),
         convert_options=pa_csv.ConvertOptions(decimal_point=layout.decimal, column_types=as_text),
     )
+    if table.num_rows + len(ragged) > len(layout.lines):
+        # What was taken for one row, a quoted cell over several lines, is several to Arrow.
+        wide = next((i for i, row in enumerate(layout.rows) if "\n" in row), 0)
+        raise input_error(
+            f"{path}: line {layout.lines[wide]}",
+            "has a quotation mark in a cell that does not end with one",
+            'take the quotation marks (") of that line away, or close them',
+        )
     if ragged:
         raise _ragged(path, layout, ragged)
     return table
