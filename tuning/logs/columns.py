@@ -296,8 +296,8 @@ def _parse_rows(path: Path, layout: Layout) -> pa.Table:
         ),
         convert_options=pa_csv.ConvertOptions(decimal_point=layout.decimal, column_types=as_text),
     )
-    if table.num_rows + len(ragged) > len(layout.lines):
-        # What was taken for one row, a quoted cell over several lines, is several to Arrow.
+    if table.num_rows + len(ragged) != len(layout.lines):
+        # To Arrow a mark opens a cell only where the cell begins: it then has other rows than lines were counted.
         wide = next((i for i, row in enumerate(layout.rows) if "\n" in row), 0)
         raise input_error(
             f"{path}: line {layout.lines[wide]}",
