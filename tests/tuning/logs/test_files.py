@@ -153,8 +153,8 @@ def test_a_quotation_mark_inside_a_cell_is_named_by_line(tmp_path):
     # takes the lines between for rows of their own, or those that follow for a part of the cell.
     rows = [f"{0.01 * i:.2f},{0.1 * i:.1f}" for i in range(60)]
     path = tmp_path / "log.csv"
-    for opened, closed in (('0.01,0."1', '".40,4.0'), ('0.01,0.1"', '0.40,".0')):
-        broken = [*rows[:1], opened, *rows[2:40], closed, *rows[41:]]
+    for opened, last, closed in (('0.01,0."1', 40, '".40,4.0'), ('0.01,0.1"', 2, '0.02,".2')):
+        broken = [*rows[:1], opened, *rows[2:last], closed, *rows[last + 1 :]]
         path.write_text("\n".join(["time,x", *broken, ""]))
         says(path, "line 3", "has a quotation mark in a cell that does not end with one", "close them")
 
