@@ -1,8 +1,9 @@
 """What keeps a broken sample out of an estimator or a controller that runs on a robot.
 
 A recursion never forgets a NaN: one that enters a state stays in it and in every later answer. So a sample with a
-reading that is not a number, or that no joint can have, is left out. The state stays as it was, the last answer is
-given again, marked as held and not known, and the time that went by is added to the next sample's.
+reading that is not a number, or that no joint can have, is left out; of an estimator also one that has jumped
+to where nothing can have got to, see `jumps`. The state stays as it was, the last answer is given again, marked
+as held and not known, and the time that went by is added to the next sample's.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from vsajax.jumps import Jumps, judge, start, taken
 from vsajax.types import Estimate, Recording, Scalar
 
 LARGEST_READING = 1e9
@@ -29,12 +31,14 @@ class GuardState(NamedTuple):
         answer: the last one.
         started: whether any sample was sound.
         missed: time of the samples left out since the last sound one [s].
+        jumps: what is known of its readings' changes; `None` of what is no estimator.
     """
 
     inner: Any
     answer: Any
     started: Bool[Array, ""]
     missed: Scalar
+    jumps: Jumps | None = None
 
 
 class Guarded[Module](eqx.Module):
@@ -53,26 +57,33 @@ class Guarded[Module](eqx.Module):
         first = _still(jax.tree.map(lambda x: jnp.where(sound, x, jnp.zeros_like(x)), sample))
         inner = module.init(first)
         _, answer = module.step(inner, first)
+        jumps = start(stacked(first)) if isinstance(answer, Estimate) else None
         answer = not_known(answer)._replace(held=jnp.ones((), bool), skipped=jnp.zeros((), jnp.int32))
-        return GuardState(inner, answer, sound, jnp.zeros(()))
+        return GuardState(inner, answer, sound, jnp.zeros(()), jumps)
 
     def step(self, state: GuardState, sample: Any) -> tuple[GuardState, Any]:
         """Process one sample; return (state, answer)."""
         module: Any = self.module
-        sound = is_sound(sample)
+        sound, is_begun = is_sound(sample), state.started
         safe = jax.tree.map(lambda x: jnp.where(sound, x, jnp.zeros_like(x)), sample)
-        missed = state.missed
+        taken, jumps, missed = sound, state.jumps, state.missed
+        if jumps is not None:
+            moved, verdict = judge(jumps, stacked(safe), safe.dt + missed)
+            taken = sound & ~(is_begun & verdict.is_refused)
+            jumps = _where(sound, _where(is_begun, moved, start(stacked(safe))), jumps)
+            is_begun = is_begun & ~(sound & verdict.is_first)
         if hasattr(sample, "dt"):
-            safe = safe._replace(dt=jnp.where(state.started, safe.dt + missed, 0.0))
-            missed = jnp.where(sound, 0.0, missed + jnp.where(_is_in_range(sample.dt, 0.0), sample.dt, 0.0))
-        inner = _where(state.started, state.inner, module.init(safe))
+            safe = safe._replace(dt=jnp.where(is_begun, safe.dt + missed, 0.0))
+            missed = jnp.where(taken, 0.0, missed + jnp.where(_is_in_range(sample.dt, 0.0), sample.dt, 0.0))
+        inner = _where(is_begun, state.inner, module.init(safe))
         moved, answer = module.step(inner, safe)
-        before = state.answer.skipped
-        skipped = jnp.where(sound, before, jnp.maximum(before, before + 1))
+        # Where a run starts anew, its first sample is one that should have been left out.
+        before = state.answer.skipped + (state.started & ~is_begun)
+        skipped = jnp.where(taken, before, jnp.maximum(before, before + 1))
         held = not_known(state.answer)._replace(held=jnp.ones((), bool), skipped=skipped)
         answer = answer._replace(held=jnp.zeros((), bool), skipped=skipped)
-        answer = _where(sound, answer, held)
-        return GuardState(_where(sound, moved, state.inner), answer, state.started | sound, missed), answer
+        answer = _where(taken, answer, held)
+        return GuardState(_where(taken, moved, state.inner), answer, state.started | sound, missed, jumps), answer
 
 
 def is_sound(sample: Any) -> Bool[Array, "..."]:
@@ -88,10 +99,17 @@ def is_sound(sample: Any) -> Bool[Array, "..."]:
     return jnp.stack(within).all()
 
 
-def are_sound(recording: Recording) -> Bool[Array, " time"]:
-    """Return which samples of a recording have readings and a time that are numbers, as `is_sound` has it."""
-    readings = [_is_in_range(x, -LARGEST_READING) for x in recording[1:] if x is not None]
-    return jnp.stack([jnp.isfinite(recording.time), *readings]).all(0)
+def are_taken(recording: Recording) -> Bool[Array, " time"]:
+    """Return which samples of a recording are not left out: those that are sound and have not jumped."""
+    readings = [x for x in recording[1:] if x is not None]
+    in_range = [_is_in_range(x, -LARGEST_READING) for x in readings]
+    sound = jnp.stack([jnp.isfinite(recording.time), *in_range]).all(0)
+    return taken(jnp.stack(readings, axis=-1), recording.time, sound)
+
+
+def stacked(sample: Any) -> Array:
+    """Return the readings of an estimator's sample behind one another."""
+    return jnp.stack(jax.tree.leaves(sample._replace(dt=None)))
 
 
 def given_again(answers: Estimate, sound: Bool[Array, " time"], first: Estimate) -> Estimate:

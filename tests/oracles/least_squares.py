@@ -34,15 +34,21 @@ def enhanced(features, targets, prior, constant):
 
 
 def forgetting(features, targets, prior, memory):
-    """Ljung and Söderström's recursion with forgetting factor λ; return coefficients and the last P."""
-    coefficients, covariance, answers = np.zeros(features.shape[1]), prior * np.eye(features.shape[1]), []
+    """Forgetting λ towards the prior, in information form; return coefficients, the last P, innovations e.
+
+    What is forgotten of the data is given back to the prior of one coefficient after the other, d-fold.
+    """
+    size = features.shape[1]
+    information, coefficients, answers, innovations = np.eye(size) / prior, np.zeros(size), [], []
     for k, (row, target) in enumerate(zip(features, targets, strict=True)):
-        past = memory if k else 1.0  # the prior is not yet a past sample
-        gain = covariance @ row / (past + row @ covariance @ row)
-        coefficients = coefficients + gain * (target - row @ coefficients)
-        covariance = (covariance - np.outer(gain, row @ covariance)) / past
+        information = memory * information
+        information[k % size, k % size] += (1.0 - memory) * size / prior
+        error = target - row @ coefficients
+        innovations.append(error / np.sqrt(1.0 + row @ np.linalg.solve(information, row)))
+        information = information + np.outer(row, row)
+        coefficients = coefficients + np.linalg.solve(information, row) * error
         answers.append(coefficients)
-    return np.array(answers), covariance
+    return np.array(answers), np.linalg.inv(information), np.array(innovations)
 
 
 def ridge(features, targets, prior, weights=1.0):

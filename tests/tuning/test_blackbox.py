@@ -23,7 +23,7 @@ from tuning.study.loading import load_study
 from tuning.study.paths import numeric_paths
 from vsajax import Scores
 
-BLANK = Judgement("mean", 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0, 1, np.ones(1))
+BLANK = Judgement("mean", *[1.0] * 13, 0, 1, np.ones(1))
 LAW = "estimator.fit.law"
 
 

@@ -1,7 +1,8 @@
 """Run folders from before the lab was rebuilt: they go on, are reported on, and what they found is used as ever.
 
 `tests/golden/lab` holds studies, the folders of their runs and what the commands printed for machines. All of it
-was made by commit 808ed36, in that folder, by the commands below; pictures are left out.
+was made by commit 808ed36, in that folder, by the commands below; pictures are left out. Those of kinds that
+estimate were made again when their answers came to their second edition; of the first, `earlier` keeps two.
 """
 
 from __future__ import annotations
@@ -191,6 +192,20 @@ def test_a_finished_run_stays_as_it_is_to_the_bit(name, lab, vsajax):
     best = LAB / "runs" / name / BEST
     if best.is_file():
         assert numeric_paths(load_config(lab / "runs" / name / BEST)) == numeric_paths(load_config(best))
+
+
+@pytest.mark.cli
+@pytest.mark.parametrize("name", ["serial-sweep", "serial-gradient"])
+def test_a_run_of_an_earlier_edition_of_the_answers_is_reported_but_does_not_go_on(name, lab, vsajax):
+    command, *words = COMMANDS[name]
+    left = {path: path.read_bytes() for path in (lab / "earlier" / name).rglob("*") if path.is_file()}
+    ended = vsajax(command, *words, "-o", f"earlier/{name}", "--resume")
+    assert ended.code == 2
+    assert "begun by another version of vsajax: its answers are of edition 1, not 2" in ended.err
+    assert "name a new folder with -o; vsajax report still reads this one" in ended.err
+    assert {path: path.read_bytes() for path in (lab / "earlier" / name).rglob("*") if path.is_file()} == left
+    reported = vsajax("report", f"earlier/{name}", "-o", "page.html", "--json")
+    assert (reported.code, reported.err) == (0, "")
 
 
 @pytest.mark.cli

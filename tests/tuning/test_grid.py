@@ -130,7 +130,7 @@ def test_scores_depend_neither_on_how_many_scenarios_there_are_nor_on_how_they_a
 
 
 def test_configurations_are_numbered_with_the_last_axis_running_fastest():
-    grid = Grid(EstimationProblem(small_serial()), SHARED_MOTION, SCENARIOS)
+    grid = Grid(EstimationProblem(small_serial("estimator.matched=false")), SHARED_MOTION, SCENARIOS)
     expected = [
         dict(zip(SHARED_MOTION, values, strict=True)) for values in itertools.product(*SHARED_MOTION.values())
     ]
@@ -153,7 +153,7 @@ def test_a_grid_without_axes_is_one_configuration():
 @pytest.mark.parametrize(
     ("path", "answer"),
     [
-        (GAIN, True),
+        (GAIN, False),
         (NOISE, True),
         (BIAS, True),
         (PRIOR, False),
@@ -164,4 +164,10 @@ def test_a_grid_without_axes_is_one_configuration():
     ],
 )
 def test_which_numbers_touch_the_torque_alone(path, answer):
-    assert (Reach.REGRESSORS not in load_study(example_path("serial", "here")).reach(path)) == answer
+    study = load_study(example_path("serial", "here"))
+    assert (Reach.REGRESSORS not in study.reach(path)) == answer
+
+
+def test_the_observers_gain_touches_the_torque_alone_where_features_do_not_follow_it():
+    study = load_study(example_path("serial", "here"), ["estimator.matched=false"])
+    assert Reach.REGRESSORS not in study.reach(GAIN)

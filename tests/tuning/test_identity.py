@@ -1,4 +1,7 @@
-"""What a shipped file is called by its hash never changes: run folders, exports and tuned files name it."""
+"""What a shipped file is called by its hash stays, as run folders, exports and tuned files name it.
+
+It changes with the file, and with what the file says by default: then the edition of its kind's answers does, too.
+"""
 
 import json
 from pathlib import Path

@@ -29,7 +29,7 @@ METHODS = {"gradient": 2, "grid": 0, "hybrid": 2}
 @pytest.fixture
 def unjudged(monkeypatch) -> None:
     """Take the judging away, which is no chunk of the run and compiles programs of its own."""
-    blank = Judgement("mean", *[1.0] * 9, 0, 1, np.ones(1))
+    blank = Judgement("mean", *[1.0] * 13, 0, 1, np.ones(1))
     monkeypatch.setattr(Search, "judge", lambda *_: blank)
 
 
@@ -85,6 +85,7 @@ def test_the_best_is_a_study_with_its_scores_and_where_it_comes_from(monkeypatch
         "seed": 3,
         "study_hash": study_hash(search.study),
         "tuned": [FORGETTING, PRIOR],
+        "calibrated": [],
     }
     assert [judged[name]["scenarios"] for name in judged] == [3, 5, 5]
     judgements = {"train": tuned.train, "held_out": tuned.held_out, "before_on_held_out": tuned.before}

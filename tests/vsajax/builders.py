@@ -69,5 +69,6 @@ def paper_estimator(torque: AbstractTorqueSource | None = None, **changes: objec
         "basis": paper_basis(),
         "fit": RecursiveLeastSquares(1.0),
         "velocity": ModifiedKinematicKalman(5e9),
+        "matched": False,
     }
     return StiffnessEstimator(**(parts | changes))

@@ -72,10 +72,10 @@ def test_95_percent_band_holds_the_truth_95_percent_of_the_time(draws, sample):
 def test_stated_deviation_is_the_actual_one(draws):
     answer, _ = draws
     actual = np.std(answer.stiffness[:, -1])
-    # A standard deviation of SEEDS draws errs by 1/√(2·SEEDS) = 4.4 %. The factor for correlated innovations takes
-    # the positive part of a correlation of ±1/√500 by chance: 2·0.4/√500 = 3.6 % of variance, 1.8 % of deviation.
+    # A standard deviation of SEEDS draws errs by 1/√(2·SEEDS) = 4.4 %. The averages of five samples leave 2·500/9
+    # degrees of freedom: the mean of a deviation of Student's distribution is 0.7 % above its scale.
     ratio = np.mean(answer.stiffness_std[:, -1]) / actual
-    assert abs(ratio - 1.018) < 4 / np.sqrt(2 * SEEDS)
+    assert abs(ratio - 1.007) < 4 / np.sqrt(2 * SEEDS)
 
 
 def test_estimate_is_unbiased(draws):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -249,6 +250,7 @@ def tune(
         "picture": picture,
         "method": method,
         "values": tuned.values,
+        "calibration": dict(tuned.calibration),
         "objective": tuned.objective,
         "messages": tuned.messages,
         **report,
@@ -270,6 +272,7 @@ def tune(
                 if j.settled_mean is not None and j.settled_mean == j.settled_mean
                 else ""
             )
+            + _held(j)
             + ("" if j.convergence_time is None else f"  converged in {j.convergence_time:.3f} s")
             for name, j in (
                 (f"before, {_many(tuned.before)}held out:", tuned.before),
@@ -291,6 +294,16 @@ def tune(
         return use(loaded, folder / "best.toml")
 
     emit(joined(result, finding.facts), as_json=as_json, quiet=quiet, text=text, following=following)
+
+
+def _held(judgement: Judgement) -> str:
+    """Return how often the truth was inside the band, where there is one and a truth."""
+    if judgement.coverage is None:
+        return ""
+    if judgement.coverage != judgement.coverage:
+        return "  never known"
+    ends = between(100.0 * (judgement.coverage_low or math.nan), 100.0 * (judgement.coverage_high or math.nan))
+    return f"  inside the band {100.0 * judgement.coverage:.1f} %{ends and f' {ends}'}"
 
 
 def _many(judgement: Judgement) -> str:

@@ -9,9 +9,14 @@ from tuning.exports.artefact import Artefact, Subject
 from tuning.exports.layout import Leaf, dotted
 from tuning.exports.program import Slot
 from tuning.runs.manifest import versions
+from vsajax import jumps
 
 SHIPPED = ["golden.csv", "README.md"]
 """What lies beside every artefact, with its check."""
+
+
+_JUMPS = {"factor": jumps.FACTOR, "least": jumps.LEAST, "patience": jumps.PATIENCE}
+"""How far a reading may jump, see `vsajax.jumps`."""
 
 
 def manifest_of(subject: Subject, target: str, source: Path, artefact: Artefact) -> dict[str, Any]:
@@ -34,6 +39,7 @@ def manifest_of(subject: Subject, target: str, source: Path, artefact: Artefact)
         "inputs": _signals(program.inputs),
         "outputs": _signals(program.outputs),
         "leaves_out": list(program.guarded),
+        "leaves_out_jumps": _JUMPS if program.watched else None,
         "parameters": parameters_of(subject),
         "valid": {
             "inputs": golden.ranges(),

@@ -19,6 +19,7 @@ from tuning.exports.flatten import Flat, flatten
 from tuning.exports.layout import Leaf, Path, Record, describe, dotted, elements
 from tuning.exports.ranges import Limits, Range
 from vsajax.guard import readings_of
+from vsajax.types import Estimate
 
 Places = list[tuple[Path, Leaf]]
 
@@ -72,6 +73,12 @@ class StepProgram:
     step: Flat
     limits: Limits
     guarded: tuple[str, ...] = ()
+
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """The inputs whose jumps leave a sample out too, see `vsajax.jumps`: the readings of what estimates."""
+        is_estimator = isinstance(self.outputs.tree, Estimate)
+        return tuple(name for name in self.guarded if name != "dt") if is_estimator else ()
 
     @property
     def defaults(self) -> list[np.ndarray]:

@@ -42,7 +42,7 @@ _REFERENCE_MEDIAN = 0.574
 
 
 def _study(*settings: str) -> EstimationStudy:
-    own = ("sweep={}", "tune={}", 'estimator.deflection="filtered"')
+    own = ("sweep={}", "tune={}", 'estimator.deflection="filtered"', "estimator.matched=false")
     return load_estimation(example_path("serial", "serial"), [*own, *settings])
 
 

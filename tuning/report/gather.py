@@ -13,6 +13,7 @@ import numpy as np
 
 from tuning.files.errors import InputError, input_error
 from tuning.files.seal import SEALED, breaks_seal
+from tuning.problem.calibration import is_band
 from tuning.problem.interface import Status, Stream, problem_of
 from tuning.runs.folder import read_results
 from tuning.runs.manifest import read_manifest
@@ -274,7 +275,8 @@ def load_best(run: FinishedRun) -> Study:
     # A choice changes more than numbers, and which there are.
     if not run.study.tune.choices:
         own = numeric_paths(run.study)
-        before = with_numbers(best, {name: own[name] for name in tuned}, str(path))
+        calibrated = [name for name in best.provenance.get("calibrated", []) if is_band(name) and name in own]
+        before = with_numbers(best, {name: own[name] for name in [*tuned, *calibrated]}, str(path))
         is_it &= study_hash(before) == run.manifest["study_hash"]
     if not is_it.any():
         raise input_error(path, "is not what this search has found: it was changed", "--resume writes it again")

@@ -30,10 +30,11 @@ from tuning.files.seal import (
 from tuning.files.whole import write_tables, write_text
 from tuning.runs.lock import NAME as LOCK
 from tuning.runs.lock import FolderLock, lock_folder
-from tuning.runs.manifest import read_manifest, run_id, versions
+from tuning.runs.manifest import edition_of, read_manifest, run_id, versions
 from tuning.runs.sealed import AGAIN, columns_of, is_file, read_sealed, table_of, write_sealed
 from tuning.study.base import Study, resolved, study_hash
 from tuning.study.inputs import check_inputs, hash_inputs
+from tuning.study.kinds import kind_of
 
 _STRAYS = (".manifest.json.*.tmp", LOCK)
 """What a kill leaves of a manifest that was not yet in place, and of a process."""
@@ -204,6 +205,7 @@ def open_run(
             "chunks": chunks,
             "versions": versions(study),
             "files": files,
+            "edition": kind_of(study).edition,
         }
         manifest = seal_tables(json.loads(json.dumps(manifest)))
         write_text(path, json.dumps(manifest, indent=2) + "\n")
@@ -234,6 +236,11 @@ def _resumed(
 ) -> dict[str, Any]:
     """Return the manifest of a run that goes on, if it is the one that is asked for."""
     folder, held = path.parent, read_manifest(path)
+    begun, now = edition_of(held), kind_of(study).edition
+    if begun != now:
+        problem = f"was begun by another version of vsajax: its answers are of edition {begun}, not {now}"
+        fix = "name a new folder with -o; vsajax report still reads this one"
+        raise input_error(folder, problem, fix)
     differing = [key for key in identity if held[key] != identity[key]]
     if differing:
         what = " and ".join(f"{key} ({held[key]!s:.60} there)" for key in differing)

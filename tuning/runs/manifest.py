@@ -30,7 +30,7 @@ _LEGACY = {
 }
 """Keys and types of a manifest from before there were seals."""
 
-_KEYS = _LEGACY | {"files": dict, SEALED: str}
+_KEYS = _LEGACY | {"files": dict, "edition": int, SEALED: str}
 
 _JSON = {str: "string", dict: "object", list: "list", int: "whole number"}
 
@@ -74,7 +74,14 @@ def read_manifest(path: Path) -> dict[str, Any]:
 def run_id(manifest: Mapping[str, Any]) -> str:
     """Return a hash of all that determines a run's results: command, study, plan, and the files that they name."""
     identity = {key: manifest[key] for key in ("command", "study_hash", "plan")}
+    if edition_of(manifest) > 1:
+        identity |= {"edition": edition_of(manifest)}
     return hash_tables(identity | {"files": manifest.get("files", {})})[:32]
+
+
+def edition_of(manifest: Mapping[str, Any]) -> int:
+    """Return the edition of the answers in a run, see `study.kinds.Kind`."""
+    return manifest.get("edition", 1)
 
 
 def versions(config: Base | None = None) -> dict[str, str]:

@@ -31,6 +31,11 @@ class Judgement:
         q90: 90 % quantile.
         msrep_mean: mean of the printed index; `None` where no estimate is judged.
         settled_mean: mean of the same from the warm-up time on; `None` likewise.
+        coverage: mean share of the known samples whose truth is inside the band; `None` likewise, NaN where no
+            sample of any scenario is known.
+        coverage_low: lower end of its 95 % bootstrap interval over the scenarios in which any is known.
+        coverage_high: upper end.
+        known_share: mean share of samples at which the answer is known; `None` likewise.
         convergence_time: median over the scenarios, of a control loop that of its settling time; `None` where
             nothing moves [s].
         diverged: scenarios in which an estimate was not finite; they are left out of the other numbers.
@@ -47,6 +52,10 @@ class Judgement:
     q90: float
     msrep_mean: float | None
     settled_mean: float | None
+    coverage: float | None
+    coverage_low: float | None
+    coverage_high: float | None
+    known_share: float | None
     convergence_time: float | None
     diverged: int
     scenarios: int
@@ -69,6 +78,11 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
     def mean(name: str) -> float | None:
         return float(np.mean(scores[name][kept])) if name in scores else None
 
+    covered = scores["coverage"][kept] if "coverage" in scores else None
+    ends: tuple[float | None, float | None] = (None, None)
+    if covered is not None:
+        covered = covered[np.isfinite(covered)]
+        ends = interval(covered, Statistic(), seed=seed)
     return Judgement(
         statistic=tune.statistic.label,
         value=float(tune.statistic.of(values)),
@@ -79,6 +93,10 @@ def judge(scores: Mapping[str, np.ndarray], tune: Tune, *, seed: int) -> Judgeme
         q90=float(np.quantile(values, 0.9)),
         msrep_mean=mean("msrep"),
         settled_mean=mean("msrep_settled"),
+        coverage=None if covered is None else float(np.mean(covered)) if covered.size else float("nan"),
+        coverage_low=ends[0],
+        coverage_high=ends[1],
+        known_share=mean("known_share"),
         convergence_time=None if time is None else float(np.median(scores[time][kept])),
         diverged=int(np.sum(~is_finite)),
         scenarios=values.size + int(np.sum(~kept)),

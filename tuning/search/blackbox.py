@@ -20,6 +20,7 @@ import optuna
 from optuna.samplers import BaseSampler, CmaEsSampler, TPESampler
 
 from tuning.files.errors import InputError, input_error
+from tuning.problem.calibration import calibrate
 from tuning.problem.finding import find
 from tuning.runs.folder import open_run
 from tuning.runs.journal import Journal, open_journal
@@ -304,16 +305,19 @@ def _conclude(box: BlackBox, trials: list[Trial], folder: Path) -> Explored:
         raise input_error(folder / "results.parquet", problem, "narrow the bounds of tune.parameters")
     front = find_front(scored)
     best, search = front[0], box.search_of(front[0].chosen)
+    calibration = calibrate(with_numbers(search.study, best.values, "tuned study"))
+    deployed = {**best.values, **calibration}
     tuned = Tuned(
         best.values,
         [],
-        search.judge(best.values, "train", study.scenarios.train),
-        search.judge(best.values, "held_out", study.scenarios.held_out),
+        search.judge(deployed, "train", study.scenarios.train),
+        search.judge(deployed, "held_out", study.scenarios.held_out),
         Search(study, box.method).judge({}, "held_out", study.scenarios.held_out),
         len(trials),
         trials[-1].seconds,
         objective=best.objective,
         finding=find(study, with_numbers(search.study, best.values, "tuned study")),
+        calibration=calibration,
     )
     explored = Explored(tuned, best, trials, front if box.method == "pareto" else [best])
     source = {

@@ -17,6 +17,7 @@ import numpy as np
 
 from tuning.files.errors import InputError, input_error
 from tuning.files.whole import write_text
+from tuning.problem.calibration import calibrate
 from tuning.problem.finding import Finding, find, joined
 from tuning.problem.interface import Differentiable, Problem, Scenario, Stream, problem_of
 from tuning.runs.folder import open_run
@@ -53,6 +54,7 @@ class Tuned:
             the statistic of the objective, and the numbers by path.
         objective: statistic of the best numbers on the training scenarios, as the search found it.
         finding: what the study's kind says of them.
+        calibration: what was set beside the tuned numbers so that the answers hold what they say, by path.
     """
 
     values: dict[str, float]
@@ -65,6 +67,12 @@ class Tuned:
     screened: list[tuple[float, dict[str, float]]] = field(default_factory=list)
     objective: float = math.nan
     finding: Finding = field(default_factory=Finding)
+    calibration: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def deployed(self) -> dict[str, float]:
+        """The tuned numbers, and those of the calibration."""
+        return {**self.values, **self.calibration}
 
     @property
     def messages(self) -> list[str]:
@@ -190,17 +198,20 @@ def tune(search: Search, folder: Path, *, resume: bool = False, quiet: bool = Fa
     store.finish()
     tried = [(float(screened["objective"][order[0]]), candidates[0]), *((o.objective, o.values) for o in outcomes)]
     reached, best = min(tried, key=lambda one: one[0] if math.isfinite(one[0]) else math.inf)
+    calibration = calibrate(with_numbers(study, best, "tuned study"))
+    deployed = {**best, **calibration}
     tuned = Tuned(
         best,
         outcomes,
-        search.judge(best, "train", study.scenarios.train),
-        search.judge(best, "held_out", study.scenarios.held_out),
+        search.judge(deployed, "train", study.scenarios.train),
+        search.judge(deployed, "held_out", study.scenarios.held_out),
         search.judge(search.own, "held_out", study.scenarios.held_out),
         len(points) + sum(outcome.steps for outcome in outcomes),
         seconds,
         [(float(screened["objective"][i]), candidates[n]) for n, i in enumerate(order[:_SHOWN])],
         reached,
         find(study, with_numbers(study, best, "tuned study")),
+        calibration,
     )
     source = {"method": search.method, "algorithm": search.algorithm}
     write_best(study, study, tuned, source, folder / "best.toml")
@@ -260,6 +271,7 @@ def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any
         "seed": study.seed,
         "versions": versions(study),
         "tuned": sorted(tuned.values),
+        "calibrated": sorted(tuned.calibration),
         "train": _stated(tuned.train),
         "held_out": _stated(tuned.held_out),
         "before_on_held_out": _stated(tuned.before),
@@ -267,7 +279,7 @@ def write_best(study: Study, best: Study, tuned: Tuned, source: Mapping[str, Any
     provenance = joined(provenance, tuned.finding.provenance)
     # TOML has no number for an infinite convergence time that every reader takes; JSON's way out is a string.
     told = json.loads(json.dumps(provenance), parse_constant=str)
-    write_text(path, to_toml(descended(with_numbers(best, tuned.values, "tuned study").deployed(), told)))
+    write_text(path, to_toml(descended(with_numbers(best, tuned.deployed, "tuned study").deployed(), told)))
 
 
 def _stated(judgement: Judgement) -> dict[str, Any]:

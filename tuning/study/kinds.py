@@ -33,6 +33,8 @@ class Kind:
             there is nothing.
         finding: called with a study and the best that a search has found, it returns a `problem.finding.Finding`:
             what there is to say of it beyond scores; `None` where there is nothing.
+        calibration: called with a study at the numbers that a search has found, it returns those by path that make
+            its answers hold what they say; `None` where they say nothing of how sure they are.
         told: called with a study and the columns of its Monte Carlo run, it returns the `scoring.told.Told` that
             is said of it; `None` where quantiles over all robots are.
         page: called with the run folder of a command of its own, it returns the report; `None` where it has none.
@@ -40,6 +42,8 @@ class Kind:
         deployable: called with a configuration and its place in errors, it returns the `exports.deployable` that
             leaves the lab; `None` where nothing does.
         holds: whether tables are of this kind; by default those whose `kind` is its name.
+        edition: of its answers, counted up when the same study comes to answer otherwise: a run that was begun
+            with an earlier one does not go on with this one.
     """
 
     name: str
@@ -49,15 +53,21 @@ class Kind:
     picture: Ref | None = None
     traces: Ref | None = None
     finding: Ref | None = None
+    calibration: Ref | None = None
     told: Ref | None = None
     page: Ref | None = None
     needs: Ref | None = None
     deployable: Ref | None = None
     holds: Callable[[Tables], bool] | None = None
+    edition: int = 1
 
     def is_of(self, tables: Tables) -> bool:
         """Return whether tables are of this kind."""
         return self.holds(tables) if self.holds is not None else tables.get("kind") == self.name
+
+
+_ESTIMATES = 2
+"""Edition of all that estimates: 2 since bands are those of batch means and features are as late as the torque."""
 
 
 def _estimation(name: str, tables: str) -> Kind:
@@ -68,7 +78,9 @@ def _estimation(name: str, tables: str) -> Kind:
         problem=Ref("tuning.kinds.estimation.problem:EstimationProblem"),
         picture=Ref("tuning.kinds.estimation.pictures:draw_recording"),
         traces=Ref("tuning.kinds.estimation.traces:show_estimates"),
+        calibration=Ref("tuning.kinds.estimation.calibration:calibrate"),
         deployable=Ref("tuning.kinds.estimation.deployable:deployable_of"),
+        edition=_ESTIMATES,
     )
 
 
@@ -81,6 +93,7 @@ _OWN = (
         traces=Ref("tuning.kinds.log.traces:show_agreement"),
         finding=Ref("tuning.kinds.log.agreement:find_agreement"),
         holds=lambda tables: "recording" in tables,
+        edition=_ESTIMATES,
     ),
     _estimation("serial", "SerialStudy"),
     _estimation("sea", "SeaStudy"),

@@ -115,7 +115,10 @@ def _samples(needs: frozenset[str]) -> Sample:
 def _torques_of(source: Any) -> Any:
     samples = _samples(source.needs)
     motion = Kinematics(
-        *(_WAVES[n] for n in ("deflection", "setpoint_position", "motor_position", "motor_torque"))
+        deflection=_WAVES["deflection"],
+        setpoint=_WAVES["setpoint_position"],
+        motor_position=_WAVES["motor_position"],
+        motor_velocity=_WAVES["motor_torque"],
     )
     return _scanned(lambda state, one: source.step(state, *one), source.init(_first(samples)), (samples, motion))
 
@@ -123,7 +126,7 @@ def _torques_of(source: Any) -> Any:
 def _check_torque(table: Any, source: Any) -> None:
     _check_needs(table, source)
     samples = _samples(source.needs)
-    motion = Kinematics(*(jnp.zeros(()),) * 4)
+    motion = Kinematics(jnp.zeros(()), jnp.zeros(()), jnp.zeros(()), jnp.zeros(()))
     _check_state(
         type(table).__name__, source.init(_first(samples)), lambda s: source.step(s, _first(samples), motion)[0]
     )

@@ -22,13 +22,15 @@ from vsajax.estimators import windows
 from vsajax.estimators.base import AbstractEstimator, Prepared
 from vsajax.estimators.bases import AbstractBasis
 from vsajax.estimators.gate import ExcitationGate, GateState
-from vsajax.estimators.rls import FitState, RecursiveLeastSquares
+from vsajax.estimators.rls import FitState, RecursiveLeastSquares, blend_over
 from vsajax.estimators.velocity import AbstractVelocityFilter
 from vsajax.numerics import Vector, lanes_minor, once, safe_sqrt
 from vsajax.types import Estimate, RunningSum, Sample, Scalar, Signals, as_leaf
 
 _WHOLE = 1.0 - 1e-6
 """Above it a window is complete: T/T_s rounds."""
+_WINDOWS = 0.5
+"""Windows over which innovations are averaged."""
 
 
 class Regression(NamedTuple):
@@ -223,14 +225,14 @@ class AlgebraicObserver(AbstractEstimator):
         elif self.weighting == "continuous":
             weight = weight * jnp.sqrt(self.sample_time)
         regressors = lanes_minor(weight * jnp.stack(row.features))
-        fit, factor = self.fit.step(state.fit, regressors, weight * row.target)
         # The empty rows of an incomplete window are no samples: counted, they would make the first answers look
-        # certain.
-        fit = fit._replace(weight=fit.weight - (1.0 - row.share))
+        # certain. Rows share samples for as long as the window.
+        blend = blend_over(sample.dt, _WINDOWS * self._span)
+        fit, factor = self.fit.step(state.fit, regressors, weight * row.target, blend=blend, share=row.share)
         setpoint = sample.read("setpoint_position") if self.basis.uses_setpoint else jnp.zeros_like(deflection)
         features, slopes = once(self.basis(setpoint, deflection))
         stiffness = once(self.fit.predict(fit, slopes))
-        std = once(jnp.sqrt(jnp.maximum(self.fit.variance(fit, slopes), 0.0)))
+        std = once(jnp.sqrt(self.fit.variance(fit, slopes)))
         gate, known = self.gate.step(state.gate, deflection, stiffness, std)
         torque = self.fit.predict(fit, features)
         known = known & (row.share > _WHOLE)

@@ -19,14 +19,14 @@ class GateState(NamedTuple):
 
 
 class ExcitationGate(eqx.Module):
-    """Calls a stiffness known once the deflection has moved and the posterior is tight.
+    """Calls a stiffness known once the deflection has moved, the posterior is tight, and the stiffness is one.
 
-    Both are needed: while nothing moves, sensor noise alone can shrink a covariance, and a single large
-    movement says nothing about a characteristic with many coefficients.
+    All are needed: while nothing moves, sensor noise alone can shrink a covariance; a single large movement says
+    nothing about a characteristic with many coefficients; and no spring has a stiffness of 0 or below.
 
     Args:
-        min_deflection_range: largest minus smallest deflection so far must reach this [rad].
-        max_relative_std: the posterior standard deviation must not exceed this share of the stiffness.
+        min_deflection_range: largest minus smallest deflection so far must exceed this [rad].
+        max_relative_std: the posterior standard deviation must be below this share of the stiffness.
     """
 
     min_deflection_range: Scalar = eqx.field(converter=as_leaf, default=0.0)
@@ -41,6 +41,8 @@ class ExcitationGate(eqx.Module):
     ) -> tuple[GateState, Bool[Array, ""]]:
         """Return (state, whether the stiffness is known)."""
         state = GateState(jnp.minimum(state.lowest, deflection), jnp.maximum(state.highest, deflection))
-        has_moved = state.highest - state.lowest >= self.min_deflection_range
-        is_tight = (std <= self.max_relative_std * jnp.abs(stiffness)) & (std < jnp.inf)
+        has_moved = state.highest - state.lowest > self.min_deflection_range
+        # The right side is no number, infinite or not positive where the stiffness is; a comparison is then false,
+        # but for a finite band around an infinite stiffness.
+        is_tight = (std < self.max_relative_std * stiffness) & (stiffness < jnp.inf)
         return state, has_moved & is_tight

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import equinox as eqx
 import jax.numpy as jnp
 
+from vsajax.estimators.velocity import Followed, Gains
 from vsajax.numerics import smooth_sign
 from vsajax.types import RunningSum, Sample, Scalar, as_leaf, optional_leaf
 
@@ -20,12 +21,14 @@ class Kinematics(NamedTuple):
         setpoint: θ_c [rad]; 0 where none is measured.
         motor_position: θ [rad].
         motor_velocity: θ̇ [rad/s].
+        gains: of the motor's filter, where what is set against its position is to be as late; else `None`.
     """
 
     deflection: Scalar
     setpoint: Scalar
     motor_position: Scalar
     motor_velocity: Scalar
+    gains: Gains | None = None
 
 
 @runtime_checkable
@@ -109,12 +112,21 @@ class ModelTorque(AbstractTorqueSource):
 
 
 class ResidualState(NamedTuple):
-    """The residual [N·m on the motor axis], its unfiltered momentum balance, and what the integral needs."""
+    """The residual [N·m on the motor axis], its unfiltered momentum balance, and what the integral needs.
+
+    Args:
+        residual: r_e.
+        balance: r/K_I.
+        impulse: I.
+        torque: τ at the last sample.
+        behind: by how much I, through the filter of the motor's position, is behind I; and the rate of that I.
+    """
 
     residual: Scalar
     balance: RunningSum
     impulse: RunningSum
     torque: Scalar
+    behind: Followed
 
 
 class ResidualTorque(AbstractTorqueSource):
@@ -124,6 +136,10 @@ class ResidualTorque(AbstractTorqueSource):
     r_e(k) = ((2 − T K_I) r_e(k−1) + 2 (r(k) − r(k−1))) / (2 + T K_I).
     T is the time since the last sample and may vary. Printed (7) makes r_e itself the fit's input; the torque
     on the joint side is γ r_e, as (34) says.
+
+    θ̇ and θ are late by the filter that they come from, and I is not: where friction or inertia take most of the
+    torque, their difference is not the elastic torque. With the filter's gains in `Kinematics`, I goes through the
+    same filter, and γ r_e is the elastic torque through filter and lag.
 
     Args:
         observer_gain: K_I [1/s]; the observer's bandwidth. Above 2/T it rings.
@@ -156,20 +172,26 @@ class ResidualTorque(AbstractTorqueSource):
         position = sample.read("motor_position")
         torque = sample.read("motor_torque")
         zero = jnp.zeros_like(position)
-        return ResidualState(zero, self._balance(position, zero, zero), zero, torque)
+        return ResidualState(zero, self._balance(position, zero, zero), zero, torque, Followed(zero, zero))
 
     def step(self, state: ResidualState, sample: Sample, kinematics: Kinematics) -> tuple[ResidualState, Scalar]:
         """Return the elastic torque γ r_e."""
         torque = sample.read("motor_torque")
         if self.friction_torque is not None:
             torque = torque - self.friction_torque * smooth_sign(kinematics.motor_velocity, self.friction_velocity)
-        impulse = state.impulse + 0.5 * (torque + state.torque) * sample.dt
-        balance = self._balance(kinematics.motor_position, kinematics.motor_velocity, impulse)
+        added = 0.5 * (torque + state.torque) * sample.dt
+        impulse, behind = state.impulse + added, state.behind
+        if kinematics.gains is not None:
+            # Of the difference, which stays small while I grows.
+            missing = behind.value + added - sample.dt * behind.rate
+            share, pace = kinematics.gains
+            behind = Followed(missing - share * missing, behind.rate + pace * missing)
+        balance = self._balance(kinematics.motor_position, kinematics.motor_velocity, impulse - behind.value)
         gain_step = self.observer_gain * sample.dt
         residual = ((2.0 - gain_step) * state.residual + 2.0 * self.observer_gain * (balance - state.balance)) / (
             2.0 + gain_step
         )
-        return ResidualState(residual, balance, impulse, torque), self.gear_ratio * residual
+        return ResidualState(residual, balance, impulse, torque, behind), self.gear_ratio * residual
 
     def _balance(self, position: Scalar, velocity: Scalar, impulse: Scalar) -> Scalar:
         """Return B γ θ̇ + D_θ γ θ − I [N·m·s]."""

@@ -16,14 +16,48 @@ from vsajax.numerics import logistic, safe_divide
 from vsajax.types import Scalar, as_leaf
 
 
+class Gains(NamedTuple):
+    """What a filter made of its last innovation: how far position and velocity [1/s] follow it."""
+
+    position: Scalar
+    velocity: Scalar
+
+
 class KalmanState(NamedTuple):
-    """Estimate and covariance of position [rad] and velocity [rad/s]."""
+    """Estimate and covariance of position [rad] and velocity [rad/s], and the last gains."""
 
     position: Scalar
     velocity: Scalar
     position_variance: Scalar
     covariance: Scalar
     velocity_variance: Scalar
+    gains: Gains
+
+
+class Followed(NamedTuple):
+    """A signal behind a filter that is not its own, and its rate."""
+
+    value: Scalar
+    rate: Scalar
+
+
+def start_following(value: Scalar) -> Followed:
+    """Return the state at a first value, at rest."""
+    return Followed(value, jnp.zeros_like(value))
+
+
+def follow(state: Followed, value: Scalar, gains: Gains, dt: Scalar) -> Followed:
+    """Return where a signal is behind the filter that has these gains, as late as what that filter returns.
+
+    Args:
+        state: of the last sample.
+        value: the signal, unfiltered.
+        gains: of the filter at this sample.
+        dt: since the last sample [s].
+    """
+    ahead = state.value + dt * state.rate
+    innovation = value - ahead
+    return Followed(ahead + gains.position * innovation, state.rate + gains.velocity * innovation)
 
 
 class DifferenceState(NamedTuple):
@@ -43,6 +77,10 @@ class AbstractVelocityFilter(eqx.Module):
     @abstractmethod
     def step(self, state: Any, position: Scalar, dt: Scalar) -> tuple[Any, tuple[Scalar, Scalar]]:
         """Process a reading taken `dt` [s] after the last; return (state, (position, velocity))."""
+
+    def gains(self, state: Any) -> Gains | None:
+        """Return the gains with which the last reading was processed; `None` of a filter that delays nothing."""
+        return None
 
 
 class FiniteDifference(AbstractVelocityFilter):
@@ -78,12 +116,17 @@ class KinematicKalman(AbstractVelocityFilter):
     def init(self, position: Scalar) -> KalmanState:
         """Start at rest at the first reading."""
         zero = jnp.zeros_like(position)
-        return KalmanState(position, zero, self.start_position_variance, zero, self.start_velocity_variance)
+        variances = self.start_position_variance, zero, self.start_velocity_variance
+        return KalmanState(position, zero, *variances, Gains(zero, zero))
 
     def step(self, state: KalmanState, position: Scalar, dt: Scalar) -> tuple[KalmanState, tuple[Scalar, Scalar]]:
         """Predict over `dt`, correct with the reading."""
         state = _predict_and_correct(state, position, dt, self.acceleration_variance, self.reading_variance)
         return state, (state.position, state.velocity)
+
+    def gains(self, state: KalmanState) -> Gains:
+        """Return the Kalman gains."""
+        return state.gains
 
 
 class ModifiedKinematicKalman(AbstractVelocityFilter):
@@ -116,7 +159,8 @@ class ModifiedKinematicKalman(AbstractVelocityFilter):
     def init(self, position: Scalar) -> KalmanState:
         """Start at rest at the first reading."""
         zero = jnp.zeros_like(position)
-        return KalmanState(position, zero, self.start_position_variance, zero, self.start_velocity_variance)
+        variances = self.start_position_variance, zero, self.start_velocity_variance
+        return KalmanState(position, zero, *variances, Gains(zero, zero))
 
     def step(self, state: KalmanState, position: Scalar, dt: Scalar) -> tuple[KalmanState, tuple[Scalar, Scalar]]:
         """Predict over `dt`, correct with the reading."""
@@ -127,6 +171,10 @@ class ModifiedKinematicKalman(AbstractVelocityFilter):
         variance = spread * logistic((scaled - 1.0) * self.sharpness) + self.fast_variance
         state = _predict_and_correct(state, position, dt, self.acceleration_variance, variance)
         return state, (state.position, state.velocity)
+
+    def gains(self, state: KalmanState) -> Gains:
+        """Return the Kalman gains."""
+        return state.gains
 
 
 def _predict_and_correct(
@@ -152,4 +200,5 @@ def _predict_and_correct(
         position_variance * (1.0 - position_gain),
         cross * (1.0 - position_gain),
         velocity_variance - velocity_gain * cross,
+        Gains(position_gain, velocity_gain),
     )

@@ -80,7 +80,8 @@ def measure(bench: Bench, truth: Truth, *, key: Key[Array, ""]) -> Recording:
 def estimate(estimator: AbstractEstimator, recording: Recording, *, segment: int | None = None) -> Estimate:
     """Run an estimator over a recording, simulated or real.
 
-    A sample with a reading or a time that is no number is left out, as `guard.Guarded` does it on a robot.
+    A sample with a reading or a time that is no number, or with a reading that has jumped, is left out, as
+    `guard.Guarded` does it on a robot.
 
     Args:
         estimator: any estimator.
@@ -94,7 +95,7 @@ def estimate(estimator: AbstractEstimator, recording: Recording, *, segment: int
         MissingSignalError: the recording lacks a signal that the estimator needs.
         PrecisionError: double precision is off.
     """
-    sound = guard.are_sound(recording)
+    sound = guard.are_taken(recording)
     order = jnp.argsort(~sound, stable=True)
     # The sound samples come first; the last of them fills the rest, whose answers nobody reads.
     last = order[jnp.sum(sound) - 1]

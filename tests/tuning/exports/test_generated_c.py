@@ -227,6 +227,7 @@ def test_numbers_that_a_step_does_not_read_are_no_parameters():
         "basis.deflection_scale",
         "fit.prior_scale",
         "fit.law.forgetting",
+        "fit.band",
         "gate.min_deflection_range",
         "gate.max_relative_std",
     ]

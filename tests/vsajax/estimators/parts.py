@@ -46,13 +46,13 @@ LAWS = {
 
 @eqx.filter_jit
 def run_fit(
-    fit: RecursiveLeastSquares, features: np.ndarray, targets: np.ndarray
+    fit: RecursiveLeastSquares, features: np.ndarray, targets: np.ndarray, blend: float = 1.0
 ) -> tuple[FitState, jax.Array, jax.Array]:
     """Return the last state, and the coefficients and stability factors after every sample."""
 
     def step(state: FitState, inputs: tuple[jax.Array, jax.Array]):
         row, target = inputs
-        state, factor = fit.step(state, row, target)
+        state, factor = fit.step(state, row, target, blend=blend)
         return state, (state.coefficients, factor)
 
     inputs = (jnp.asarray(features), jnp.asarray(targets))

@@ -8,10 +8,23 @@ import numpy as np
 import pytest
 
 from vsajax import Recording
-from vsajax.estimators import RecursiveLeastSquares, ResidualTorque, SeparableOddPolynomial, StiffnessEstimator
+from vsajax.estimators import (
+    AbstractVelocityFilter,
+    FiniteDifference,
+    KinematicKalman,
+    ModifiedKinematicKalman,
+    RecursiveLeastSquares,
+    ResidualTorque,
+    SeparableOddPolynomial,
+    StiffnessEstimator,
+)
 from vsajax.experiments import estimation
 
-INERTIA, GEAR, STIFFNESS, ZERO = 2e-5, 50.0, 120.0, 0.004
+INERTIA, DAMPING, GEAR, STIFFNESS, ZERO = 2e-5, 1e-3, 50.0, 120.0, 0.004
+SLOW = {
+    "kalman": KinematicKalman(3e5, 1.0),
+    "mkkf": ModifiedKinematicKalman(3e5, 2.0, 0.5, counts_per_revolution=4000.0),
+}
 
 
 def recording(*, irregular: bool) -> Recording:
@@ -54,6 +67,56 @@ def test_unmatched_features_are_biased_by_a_slow_observer():
     # At 1.3 Hz an observer of 5 1/s passes 52 % of the torque, turned by 58°: the slope loses most of it.
     answer = jax.jit(estimation.estimate)(estimator(5.0, matched=False), recording(irregular=False))
     assert answer.stiffness[-1] < 0.4 * STIFFNESS
+
+
+def moving(*, irregular: bool) -> Recording:
+    """Return a motor that moves: its friction takes two thirds of the torque that the spring takes."""
+    fixed = recording(irregular=irregular)
+    time, deflection = np.asarray(fixed.time), np.asarray(fixed.deflection)
+    rate = 2 * np.pi * 0.7
+    # It starts at rest, as the filters do.
+    position, velocity = 0.3 - 0.3 * np.cos(rate * time), 0.3 * rate * np.sin(rate * time)
+    friction = GEAR * (DAMPING * velocity + INERTIA * rate**2 * (0.3 - position))
+    return fixed._replace(
+        link_position=jnp.asarray(position + deflection),
+        motor_position=jnp.asarray(position),
+        motor_torque=jnp.asarray(friction - STIFFNESS * (deflection - ZERO) / GEAR),
+    )
+
+
+def filtering(*, matched: bool, deflection: str, velocity: AbstractVelocityFilter) -> StiffnessEstimator:
+    return StiffnessEstimator(
+        ResidualTorque(40.0, INERTIA, DAMPING, GEAR),
+        SeparableOddPolynomial(0.03, deflection_offset=True),
+        RecursiveLeastSquares(1e3),
+        velocity=velocity,
+        deflection=deflection,
+        matched=matched,
+    )
+
+
+@pytest.mark.analytic
+@pytest.mark.parametrize("irregular", [False, True])
+@pytest.mark.parametrize("deflection", ["raw", "filtered", "measured"])
+@pytest.mark.parametrize("velocity", SLOW)
+def test_matched_features_are_as_late_as_the_filter_of_the_velocity(velocity, deflection, irregular):
+    # The filters are late by 60 ms. What is left is the start: they take the deflection for at rest.
+    data = moving(irregular=irregular)
+    answers = {
+        matched: jax.jit(estimation.estimate)(
+            filtering(matched=matched, deflection=deflection, velocity=SLOW[velocity]), data
+        )
+        for matched in (True, False)
+    }
+    assert abs(answers[True].stiffness[-1] / STIFFNESS - 1.0) < 0.01
+    if deflection != "filtered":
+        assert abs(answers[False].stiffness[-1] / STIFFNESS - 1.0) > 0.05
+
+
+@pytest.mark.analytic
+def test_a_filter_that_delays_nothing_changes_nothing():
+    plain = filtering(matched=True, deflection="raw", velocity=FiniteDifference())
+    assert plain.init(jax.tree.map(lambda x: x[0], moving(irregular=False).samples())).followed is None
 
 
 @pytest.mark.gradient

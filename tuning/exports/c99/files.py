@@ -20,6 +20,7 @@ from tuning.exports.escaping import comment_of_c, string_of_c
 from tuning.exports.layout import Field, Leaf, Record, Repeated, dotted
 from tuning.exports.program import StepProgram
 from tuning.exports.rendering import render
+from vsajax import jumps
 from vsajax.guard import LARGEST_READING
 
 _ARGUMENTS = frozenset({"self", "in", "out", "first", "params", "refused", "turn", *"ijklmn"})
@@ -58,6 +59,8 @@ def write(program: StepProgram, generated: Generated, *, banner: str) -> Source:
     derived = _derived_struct(name, generated.derived)
     has_clock, has_state = "dt" in program.inputs.names, bool(program.state.places)
     shared = {"name": name, "title": program.title, "banner": banner, "is_guarded": bool(program.guarded)}
+    shared |= {"watched": len(program.watched), "patience": jumps.PATIENCE}
+    shared |= {"factor": decimal(jumps.FACTOR), "least": decimal(jumps.LEAST)}
     header = render(
         "step.h",
         **shared,
@@ -114,6 +117,7 @@ def _entries(program: StepProgram, init: list[str], step: list[str]) -> Iterator
     known = [member(path) for path, _ in program.outputs.places if path[-1] == "known"]
     values = {"name": name, "taken": _taken(name), "readings": readings, "known": known}
     values |= {"has_clock": "dt" in program.inputs.names, "has_state": bool(program.state.places)}
+    values |= {"watched": [member(path) for path, _ in program.inputs.places if dotted(path) in program.watched]}
     yield render("guard.c", **values)
 
 

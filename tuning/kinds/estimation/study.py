@@ -18,6 +18,7 @@ from tuning.study.parts.rig import BandLimitedNoise, Excitation, Sensing
 from tuning.study.ranges import EVERYTHING, Reach
 
 _TORQUES = {"motor_torque", "motor1_torque", "motor2_torque", "elastic_torque"}
+_LAG = "torque.observer_gain"
 
 
 class EstimationStudy(Timed, Config):
@@ -46,12 +47,17 @@ class EstimationStudy(Timed, Config):
         part = rest.removeprefix("side.").removeprefix("other.") if table == "estimator" else rest
         # What a foreign estimator calls its torque may be anything.
         is_torque = (
-            part.startswith("torque.") and self.estimator.origin is None
+            part.startswith("torque.") and self.estimator.origin is None and not self._lags(part)
             if table == "estimator"
             else part.partition(".")[0] in _TORQUES
         )
         found = Reach.TORQUE if is_torque else Reach.TORQUE | Reach.REGRESSORS
         return found if table == "estimator" else found | Reach.RECORDING
+
+    def _lags(self, part: str) -> bool:
+        """Return whether a number of the estimator is the lag that its features share with its torque."""
+        both = (self.estimator.side, self.estimator.other) if isinstance(self.estimator, AntagonisticPair) else ()
+        return part == _LAG and any(getattr(side, "matched", False) for side in (self.estimator, *both))
 
     def mistakes(self, place: str) -> Iterator[Mistake]:
         """Return what is wrong of the estimator with this joint, these sensors and this clock."""

@@ -29,7 +29,10 @@ from tuning.study.parts.estimators import StiffnessEstimator as TwoStages
 from vsajax import Estimate, Recording
 from vsajax.estimators import AbstractEstimator, AntagonisticPair, RecursiveLeastSquares, StiffnessEstimator
 from vsajax.experiments import estimation
+from vsajax.jumps import FACTOR
 
+_SHOWN = 3
+"""Samples left out that are named."""
 _PRIOR_LIMITS = 0.02
 """Change of the stiffness under a ten times weaker prior that is worth a warning."""
 
@@ -79,6 +82,9 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
         if analysis.floor is not None:
             columns["known"] = columns["known"] & leaves_floor(torque, analysis.floor)
     summary, sentences = _summarise(columns, config, analysis)
+    left_out, told = _say_left_out(answer, columns["time"])
+    summary |= left_out
+    sentences += told
     if analysis is not None:
         summary |= analysis.summary()
         sentences += analysis.sentences()
@@ -99,6 +105,20 @@ def estimate_recording(config: Config, table: RecordingTable) -> Answer:
         reached = f"{share} after {since:.3g} s" if math.isfinite(since) else f"not {share} at the end"
         sentences.append("; ".join([*_describe_scores(summary["scores"], config.scorer.warm_up), reached]))
     return Answer(columns, summary, sentences, analysis)
+
+
+def _say_left_out(answer: Estimate, time: np.ndarray) -> tuple[dict[str, Any], list[str]]:
+    """Return how many samples were left out of the estimate, and the first of them in words."""
+    held = np.flatnonzero(np.asarray(answer.held))
+    facts = {"left_out": held.size}
+    if not held.size:
+        return facts, []
+    shown = ", ".join(f"{time[k]:.6g}" for k in held[:_SHOWN])
+    more = ", …" if held.size > _SHOWN else ""
+    return facts, [
+        f"left out of the estimate: {held.size} of {time.size} samples, with a reading that is no number or "
+        f"changed by more than {FACTOR:g} times any change before (at {shown}{more} s)"
+    ]
 
 
 def _with_weaker_prior(estimator: AbstractEstimator) -> AbstractEstimator:

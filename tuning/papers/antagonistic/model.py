@@ -125,6 +125,7 @@ def residual(
             basis=basis,
             fit=es.RecursiveLeastSquares(1e6),
             velocity=es.KinematicKalman(acceleration_variance, variance, variance, start),
+            matched=False,
         )
     )
 

@@ -66,7 +66,7 @@ _OBSERVER = {
 
 def _residual(basis: str, acceleration_variance: float) -> tuple[str, ...]:
     return (
-        f'estimator.side={{type="two_stage", fit={{prior_scale=1e6}}, basis={basis}, '
+        f'estimator.side={{type="two_stage", matched=false, fit={{prior_scale=1e6}}, basis={basis}, '
         f"velocity={_KALMAN.format(acceleration_variance)}, "
         'torque={type="residual", observer_gain=1e3, motor_inertia=1e-4, motor_damping=1.27}}',
     )
